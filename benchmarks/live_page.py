@@ -19,11 +19,11 @@ from pathlib import Path
 
 from tornado.websocket import websocket_connect
 
-from gse.station.frame_results import NewResults
 from gse.view.glance import Glance
 from gse.view.server import Content, ViewServer
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # after gse: tests has a folder of that name
+from skies.one_by_one import results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 RATE_HZ = 10.0
@@ -70,7 +70,7 @@ def measured(browsers: int, seconds: float) -> tuple[float, list[float], int]:
             panorama = replace(frame.panorama, utc_ns=frames[0].panorama.utc_ns + round(number / RATE_HZ * 1e9))
             # The client gets the host's time in milliseconds through a counter that the page only shows.
             session.link.frames_lost = round(time.time() * 1000)
-            glance.on_results(NewResults.of([replace(frame, panorama=panorama)]), session)
+            glance.on_results(results_of([replace(frame, panorama=panorama)]), session)
             number += 1
             pause.wait(max(0.0, began_s + number / RATE_HZ - time.monotonic()))
         used = (time.process_time() - used_s) / seconds

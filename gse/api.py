@@ -24,8 +24,8 @@ from gse.imaging.panorama_table import read_panorama_table
 from gse.panorama import Panorama
 from gse.sessions.judged import Judged, judged_session, result_key
 from gse.sessions.replay import replay_session
+from gse.station.frame_results import FrameResult
 from gse.station.loop import StationLoop
-from gse.station.results import FrameResult
 from gse.station.setup import set_up
 from gse.tables import SCHEMA_VERSION, SessionTables, frames_schema, session_tables, stars_schema
 from gse.tables.parquet import MOST_ROWS, check_size

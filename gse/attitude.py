@@ -1,7 +1,6 @@
 """Attitude of the sensor from identified stars: Wahba's problem, solved by Davenport's method (gse.davenport)."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -70,15 +69,6 @@ class Attitudes:
     covariance_rad2: NDArray[np.float64]
 
     @classmethod
-    def of(cls, attitudes: Sequence[Attitude | None]) -> Self:
-        """The columns of attitudes given one by one."""
-        made = cls.none(len(attitudes))
-        for k, attitude in enumerate(attitudes):
-            if attitude is not None:
-                made.icrs_to_sensor[k], made.covariance_rad2[k] = attitude.icrs_to_sensor, attitude.covariance_rad2
-        return made
-
-    @classmethod
     def none(cls, count: int) -> Self:
         """No attitude for so many panoramas."""
         return cls(np.full((count, 3, 3), np.nan), np.full((count, 3, 3), np.nan))
@@ -89,6 +79,13 @@ class Attitudes:
     def __getitem__(self, k: int) -> Attitude | None:
         rotation = self.icrs_to_sensor[k]
         return None if math.isnan(rotation[2, 2]) else Attitude(rotation, self.covariance_rad2[k])
+
+    def __setitem__(self, k: int, attitude: Attitude) -> None:
+        self.icrs_to_sensor[k], self.covariance_rad2[k] = attitude.icrs_to_sensor, attitude.covariance_rad2
+
+    def part(self, begin: int, end: int) -> Self:
+        """The attitudes from ``begin`` to before ``end``."""
+        return type(self)(self.icrs_to_sensor[begin:end], self.covariance_rad2[begin:end])
 
     @property
     def boresights_icrs(self) -> NDArray[np.float64]:

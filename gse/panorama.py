@@ -109,9 +109,9 @@ class Panoramas:
 
     def part(self, begin: int, end: int) -> Self:
         """The panoramas from ``begin`` to before ``end``."""
-        rows, each = slice(int(self.parts.first[begin]), int(self.parts.first[end])), slice(begin, end)
+        (parts, rows), each = self.parts.part(begin, end), slice(begin, end)
         return type(self)(
-            Parts(self.parts.first[begin : end + 1] - self.parts.first[begin]),
+            parts,
             self.xy_px[rows],
             self.brightness[rows],
             self.wire_rows[rows],

@@ -39,6 +39,11 @@ class Parts:
         """The rows of part k."""
         return slice(int(self.first[k]), int(self.first[k + 1]))
 
+    def part(self, begin: int, end: int) -> tuple[Self, slice]:
+        """The parts from ``begin`` to before ``end``, and their rows."""
+        first = self.first[begin : end + 1]
+        return type(self)(first - first[0]), slice(int(first[0]), int(first[-1]))
+
     def chosen(self, wanted: NDArray[np.bool_]) -> tuple[Self, NDArray[np.bool_]]:
         """The parts that are wanted (K,), and which rows (M,) are theirs."""
         counts = self.counts

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from drivers.chunk import LinkEvent
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.non_stellar import HOT_PIXEL, MAX_HOT
 from gse.station.session_data import SessionData
 from gse.tables.units import field
@@ -24,7 +24,7 @@ class HotPixelCounter:
     def __init__(self) -> None:
         self._frames: Counter[tuple[int, int]] = Counter()
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Count the hot pixels of panoramas; only those that have some are made, which costs more than all the rest."""
         for place in np.flatnonzero(results.rows["hot_pixels"]).tolist():
             result = results[place]

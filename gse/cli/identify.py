@@ -10,7 +10,8 @@ from gse import instant
 from gse.cli.options import identifier_option, say, station_option
 from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
-from gse.station.results import FrameResult, Status
+from gse.station.frame_results import FrameResult
+from gse.station.results import Status
 
 
 @click.command("identify")
@@ -67,7 +68,7 @@ def _print(result: FrameResult, identifier: str) -> None:
         return
     count = len(result.panorama.brightness)
     click.echo(f"RA {attitude.ra_deg:.5f}  DE {attitude.de_deg:+.5f}  roll {attitude.roll_deg:.4f} deg (ICRS)")
-    probability = result.identification.false_match_probability if result.identification else 1.0
+    probability = result.false_match_probability
     stated = "not stated" if math.isnan(probability) else f"{probability:.1g}"
     summary = f"{len(result.matches)} of {count} objects identified by {identifier}"
     click.echo(f"{summary}, false-match probability {stated}")

@@ -22,10 +22,9 @@ from gse.cli.options import (
 from gse.errors import UsageError
 from gse.instant import to_text
 from gse.station.frame_json import frame_json
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
-from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.view.status import StatusLine
 
@@ -60,7 +59,7 @@ live_options = gathered(
 class JsonFrames:
     """Each frame as one line of JSON on stdout."""
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Print the frames."""
         for result in results:
             click.echo(json.dumps(frame_json(result)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from drivers.chunk import LinkEvent
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import FindingEvent, StationKind
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.session_data import SessionData
 
 FIRST_AFTER_S = 10.0
@@ -27,7 +27,7 @@ class LiveDiagnosis:
     _due_ns: int = 0
     _known: set[str] = field(default_factory=set)
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Look, where it is time."""
         for utc_ns in results.rows["utc_ns"].tolist():
             self._look(utc_ns, session)

@@ -113,6 +113,12 @@ class Answers:
             {k: answer for k, answer in enumerate(answers) if isinstance(answer, Unidentified)},
         )
 
+    @classmethod
+    def none(cls, count: int) -> Self:
+        """Of so many panoramas that no identifier was asked for."""
+        nothing = np.zeros(0, dtype=np.int64)
+        return cls(Parts.of_counts(np.zeros(count, np.int64)), nothing, nothing, np.full(count, np.nan), {})
+
     def __len__(self) -> int:
         return len(self.parts)
 
@@ -131,6 +137,13 @@ class Answers:
         named = np.ones(len(self), dtype=np.bool_)
         named[list(self.unidentified)] = False
         return named
+
+    def part(self, begin: int, end: int) -> Self:
+        """The answers from ``begin`` to before ``end``."""
+        parts, rows = self.parts.part(begin, end)
+        unidentified = {k - begin: answer for k, answer in self.unidentified.items() if begin <= k < end}
+        probability = self.false_match_probability[begin:end]
+        return type(self)(parts, self.objects[rows], self.stars[rows], probability, unidentified)
 
     def but(self, unidentified: Mapping[int, Unidentified]) -> Self:
         """The same answers, but none to these panoramas."""

@@ -26,7 +26,7 @@ from gse.selfcheck.made_session import (
     stated_sensor,
 )
 from gse.selfcheck.result import Row, SelfCheckResult
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.loop import StationLoop
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
@@ -62,7 +62,7 @@ class _Frames:
         self.sample = PanoramaSample()
         self.unknown_objects = 0
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         for result in results:
             self.sample.add(result.panorama)
             self.unknown_objects += len(result.others)

@@ -24,8 +24,8 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.count_text import count_text
 from gse.errors import TableError, UsageError
 from gse.external.answers import NO_ANSWER, Failure, FailureKind
-from gse.station.frame_results import NewResults
-from gse.station.results import FrameResult, Subject
+from gse.station.frame_results import FrameResult, FrameResults
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
 SUFFIX = ".answers.ndjson"
@@ -61,7 +61,7 @@ class GivenAnswers:
     def __init__(self) -> None:
         self.lines: list[str] = []
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Keep the answers of the identifier under test; a session of own answers alone has none of it."""
         if session.subject is not Subject.SENSOR:
             self.lines += [json.dumps(answer_document(result)) + "\n" for result in results]

@@ -18,8 +18,8 @@ from gse.attitude_convention import AttitudeConvention, state_angles, state_quat
 from gse.count_text import count_text
 from gse.external.answers import ExternalAnswer
 from gse.station.attitude_table import ACQUIRED, ANGLES, QUATERNION
-from gse.station.frame_results import NewResults
-from gse.station.results import FrameResult, Subject
+from gse.station.frame_results import FrameResult, FrameResults
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.truth.frames import icrs_to_frame
 from protocols import AttitudeMessage, Protocol
@@ -77,7 +77,7 @@ class ExpectedAttitudes:
     def on_event(self, event: LinkEvent) -> None:
         """Nothing: events are not compared."""
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Compare results."""
         for result in results:
             self.compare(result, session)

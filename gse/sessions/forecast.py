@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from drivers.chunk import LinkEvent
 from gse.station.frame_columns import FrameColumns
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.results import Verdict
 from gse.station.session_data import SessionData
 
@@ -53,7 +53,7 @@ class Forecast:
         self._thread = threading.Thread(target=self._run, name="forecast", daemon=True)
         self._thread.start()
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Hand a snapshot to the thread where it wants one."""
         self._begun.set()
         if self._wanted.is_set() and len(session.frames) >= _FEWEST_FRAMES:

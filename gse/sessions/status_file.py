@@ -25,7 +25,7 @@ from gse import instant
 from gse.config.station import Station
 from gse.sessions.note_files import collect_notes
 from gse.sessions.status_document import NAME, SCHEMA, read_status
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.frame_table import STATUSES
 from gse.station.notes import Notes
 from gse.station.results import Status
@@ -60,7 +60,7 @@ class StatusFile:
         self._thread = threading.Thread(target=self._run, name="status file", daemon=True)
         self._thread.start()
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Count frames."""
         rows = results.rows
         self._running.add(rows)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from drivers.chunk import LinkEvent, LinkKind
 from gse import instant
 from gse.station.event_kinds import StationKind
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.session_data import SessionData
 
 _ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
@@ -28,7 +28,7 @@ class Announcer:
         self._seen: Counter[str] = Counter()
         self._said = ""
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Panoramas are not announced."""
 
     def on_event(self, event: LinkEvent) -> None:

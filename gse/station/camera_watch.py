@@ -12,7 +12,8 @@ from gse.instant import NS_PER_S
 from gse.panorama import Panorama
 from gse.percent import percent
 from gse.station.event_kinds import StationKind
-from gse.station.results import FrameResult, Status
+from gse.station.frame_results import FrameResult
+from gse.station.results import Status
 
 Said = tuple[StationKind, str]
 """Kind and text of an event."""

@@ -1,4 +1,4 @@
-"""What an external identifier gave, as an answer and as a result of the station.
+"""What an external identifier gave, as answers of the station, and compared with truth.
 
 Its RA, DE and roll are taken as they are: nothing is solved again. To compare them with truth they are corrected as the
 station's own answers are: the objects that it calls stars (all, where it names none) lose their refraction, the places
@@ -6,8 +6,7 @@ on the sky where it puts them become apparent places, and the attitude between t
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +20,9 @@ from gse.external.panoramas import rows_here
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.mount import Mount
 from gse.panorama import Panorama, Panoramas
-from gse.station.attitude_error import attitude_error
-from gse.station.frame_table import ANSWER_CHECKS
-from gse.station.identified import Identified
-from gse.station.results import NO_MATCHES, FrameResult, Matches, Status
+from gse.station.attitude_error import attitude_errors
+from gse.station.identified import Compared, Identified
+from gse.station.results import ERRORS, MatchColumns, Status
 from gse.truth import SiderealTruth
 
 _ARMS = np.array([[0.05, 0.0, 1.0], [-0.05, 0.0, 1.0], [0.0, 0.05, 1.0], [0.0, -0.05, 1.0]])
@@ -43,79 +41,48 @@ def answers_of(
     for k, one in given.items():
         elapsed_us[k] = np.nan if one.elapsed_us is None else round(one.elapsed_us, 1)
     every = range(len(panoramas))
-    answers = Answers.of([found[k][0] if k in found else faults[k] for k in every])
-    return answers, Attitudes.of([found[k][1] if k in found else None for k in every]), elapsed_us, given
+    attitudes = Attitudes.none(len(panoramas))
+    for k, (_, attitude) in found.items():
+        if attitude is not None:
+            attitudes[k] = attitude
+    return Answers.of([found[k][0] if k in found else faults[k] for k in every]), attitudes, elapsed_us, given
 
 
-def results_of(
+def compared(
     identifier: ExternalIdentifier,
     panoramas: Panoramas,
     identified: Identified,
-    elapsed_us: Sequence[float],
     truth: SiderealTruth | None,
     mount: Mount | None,
-) -> list[FrameResult]:
-    """The results of K panoramas, with the RA, DE and roll that were answered."""
-    results = []
-    for k, us in enumerate(elapsed_us):
-        answered = _answered(identifier, panoramas[k], identified, k, None if math.isnan(us) else us)
+) -> Compared:
+    """The RA, DE and roll of K answers beside truth; a roll that was not answered has no error."""
+    count, answers = len(panoramas), identified.answers
+    attitudes, geometric, true = (Attitudes.none(count) for _ in range(3))
+    errors_arcsec, residuals_arcsec = np.full((count, 5), np.nan), np.zeros((len(answers.objects), 2))
+    rolled = np.ones(count, dtype=np.bool_)
+    for k in np.flatnonzero(answers.named).tolist():
+        found, attitude, utc_ns = answers[k], identified.attitudes[k], int(panoramas.utc_ns[k])
+        assert isinstance(found, Identification)
+        assert attitude is not None
+        rolled[k] = has_roll(identified.given.get(k))
         directions_sensor = identified.directions_sensor[panoramas.parts.rows(k)]
-        results.append(_compared(answered, directions_sensor, identifier.catalog, truth, mount))
-    return results
-
-
-def _answered(
-    identifier: ExternalIdentifier, panorama: Panorama, identified: Identified, k: int, elapsed_us: float | None
-) -> FrameResult:
-    """The answer to panorama k, compared with nothing yet."""
-    found, given = identified.answers[k], identified.given.get(k)
-    if given is None:
-        assert isinstance(found, Unidentified)
-        return FrameResult(panorama, Status.SENSOR_FAULT, found.detail, identifier.name)
-    identification = found if isinstance(found, Identification) else None
-    status, detail = (Status.IDENTIFIED, "") if identification is not None else status_of(given)
-    return FrameResult(
-        panorama,
-        status,
-        detail,
-        identifier.name,
-        identification=identification,
-        attitude=identified.attitudes[k],
-        elapsed_us=elapsed_us,
-        answer_check=ANSWER_CHECKS[identified.answer_check[k]],
-        light=identified.light[k],
-        has_roll=identification is None or has_roll(given),
-        given=given,
-    )
-
-
-def _compared(
-    answered: FrameResult,
-    directions_sensor: NDArray[np.float64],
-    catalog: StarCatalog,
-    truth: SiderealTruth | None,
-    mount: Mount | None,
-) -> FrameResult:
-    """The same with its matches, and where there is a truth with its error; a roll that was not answered has none."""
-    found, attitude, utc_ns = answered.identification, answered.attitude, answered.panorama.utc_ns
-    if found is None or attitude is None:
-        return answered
-    true = truth.attitude_true(utc_ns, mount) if truth and mount else None
-    if not answered.has_roll and true is not None:
-        attitude = with_roll(attitude, true.roll_deg)
-    geometric = None
-    if truth is not None:
-        stars_sensor = directions_sensor.take(found.objects, axis=0)
-        geometric = geometric_of(attitude, stars_sensor if len(stars_sensor) > 1 else directions_sensor, truth, utc_ns)
-    error = attitude_error(geometric, true) if geometric and true else None
-    return replace(
-        answered,
-        attitude=attitude,
-        matches=matches_of(found, catalog, geometric or attitude, directions_sensor, truth, utc_ns),
-        attitude_geometric=geometric,
-        attitude_error=error if answered.has_roll or error is None else replace(error, d_roll_arcsec=math.nan),
-        attitude_true=true,
-    )
+        if truth and mount:
+            true[k] = looked = truth.attitude_true(utc_ns, mount)
+            attitude = attitude if rolled[k] else with_roll(attitude, looked.roll_deg)
+        attitudes[k] = seen_from = attitude
+        if truth is not None:
+            stars_sensor = directions_sensor.take(found.objects, axis=0)
+            seen = stars_sensor if len(stars_sensor) > 1 else directions_sensor
+            geometric[k] = seen_from = geometric_of(attitude, seen, truth, utc_ns)
+        residuals_arcsec[answers.parts.rows(k)] = residuals_of(
+            found, identifier.catalog, seen_from, directions_sensor, truth, utc_ns
+        )
+    if truth and mount:
+        named = answers.named
+        errors_arcsec[named] = attitude_errors(geometric.icrs_to_sensor[named], true.icrs_to_sensor[named])
+        errors_arcsec[~rolled, ERRORS.index("d_roll_arcsec")] = np.nan
+    left_out = MatchColumns.none(count)
+    return Compared(attitudes, geometric, true, errors_arcsec, residuals_arcsec, left_out, rolled)
 
 
 def identification_of(
@@ -161,24 +128,24 @@ def geometric_of(
     return solve_attitude(truth.unrefracted(seen, zenith_sensor), apparent, 1e-4)
 
 
-def matches_of(
+def residuals_of(
     found: Identification,
     catalog: StarCatalog,
     attitude: Attitude,
     directions_sensor: NDArray[np.float64],
     truth: SiderealTruth | None,
     utc_ns: int,
-) -> Matches:
-    """The matched stars with their residuals from the answered ``attitude``, geometric where there is a truth."""
+) -> NDArray[np.float64]:
+    """Residuals (M, 2) of the matched stars from the answered ``attitude``, geometric where there is a truth."""
     if not len(found.objects):
-        return NO_MATCHES
+        return np.zeros((0, 2))
     measured = directions_sensor.take(found.objects, axis=0)
     stars_icrs = catalog.icrs.take(found.stars, axis=0)
     if truth is not None:
         zenith_sensor = attitude.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns)[2]
         measured, stars_icrs = truth.unrefracted(measured, zenith_sensor), truth.apparent(stars_icrs, utc_ns)
-    residuals_arcsec = (measured - stars_icrs @ attitude.icrs_to_sensor.T)[:, :2] * ARCSEC_PER_RAD
-    return Matches(found.objects, found.stars, residuals_arcsec, catalog.name)
+    residuals_arcsec: NDArray[np.float64] = (measured - stars_icrs @ attitude.icrs_to_sensor.T)[:, :2] * ARCSEC_PER_RAD
+    return residuals_arcsec
 
 
 def _no_answer(answer: ExternalAnswer) -> str:

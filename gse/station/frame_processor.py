@@ -17,11 +17,11 @@ from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panoramas
 from gse.station import external_result
 from gse.station.attitude_error import attitude_errors
-from gse.station.frame_results import ERRORS, FrameResults
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.identified import Identified
-from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, MatchColumns, Starlights, Status
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.frame_results import FrameResults
+from gse.station.identified import Compared, Identified
+from gse.station.non_stellar import NonStellarObjects, Others
+from gse.station.results import ERRORS, AnswerCheck, MatchColumns, Starlights, Status
 from gse.station.starlight import rows_of, starlights
 from gse.station.unnamed_stars import LeftOutStars, SolvedFrames
 from gse.truth import SiderealTruth
@@ -98,40 +98,42 @@ class FrameProcessor:
         """
         identified = replace(identified, answer_check=self._checks_under_air(panoramas, identified))
         if isinstance(self.identifier, ExternalIdentifier):
-            each = external_result.results_of(
-                self.identifier, panoramas, identified, elapsed_us.tolist(), self.truth, self.mount
-            )
-            return FrameResults.of(each)
-        answers = identified.answers
-        geometric, true, errors_arcsec, residuals_arcsec, left_out = self._compared(panoramas, identified)
-        seen_from = identified.attitudes if self.truth is None else geometric
-        others = self.non_stellar.name(
-            panoramas,
-            identified.directions_sensor,
-            answers,
-            seen_from.icrs_to_sensor,
-            truth_known=self.truth is not None and (self.mount is None or self.mount.inertial is None),
-        )
-        status = np.full(len(panoramas), STATUSES.index(Status.IDENTIFIED), dtype=np.uint8)
-        for k, answer in answers.unidentified.items():
-            status[k] = STATUSES.index(_STATUS[answer.reason])
+            compared = external_result.compared(self.identifier, panoramas, identified, self.truth, self.mount)
+            others = Others.none(len(panoramas))
+        else:
+            compared = self._compared(panoramas, identified)
+            others = self._others(panoramas, identified, compared)
+        status, details = _outcomes(identified)
         return FrameResults(
             panoramas,
             self.identifier.name,
             self.identifier.catalog.name,
             status,
-            {k: answer.detail for k, answer in answers.unidentified.items()},
-            answers,
-            residuals_arcsec,
+            details,
+            identified.answers,
+            compared.residuals_arcsec,
             np.where(identified.sound, elapsed_us, np.nan),
-            identified.attitudes,
-            geometric,
-            true,
-            errors_arcsec,
+            compared.attitudes,
+            compared.geometric,
+            compared.true,
+            compared.errors_arcsec,
+            compared.has_roll,
             identified.answer_check,
             others,
             identified.light,
-            left_out,
+            compared.left_out,
+            identified.given,
+        )
+
+    def _others(self, panoramas: Panoramas, identified: Identified, compared: Compared) -> Others:
+        """The objects that the answers leave."""
+        seen_from = identified.attitudes if self.truth is None else compared.geometric
+        return self.non_stellar.name(
+            panoramas,
+            identified.directions_sensor,
+            identified.answers,
+            seen_from.icrs_to_sensor,
+            truth_known=self.truth is not None and (self.mount is None or self.mount.inertial is None),
         )
 
     def _directions(self, panoramas: Panoramas, sound: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -185,13 +187,8 @@ class FrameProcessor:
                     attitudes.icrs_to_sensor[k] = paper_mean(solved, measured[rows], stars_icrs[rows]).icrs_to_sensor
         return attitudes.among(named)
 
-    def _compared(
-        self, panoramas: Panoramas, identified: Identified
-    ) -> tuple[Attitudes, Attitudes, NDArray[np.float64], NDArray[np.float64], MatchColumns]:
-        """Geometric and true attitudes, errors (K, 5) and residuals (M, 2) in arcsec, and stars that were left out.
-
-        From apparent places and un-refracted directions; where there is no answer there is nothing to compare.
-        """
+    def _compared(self, panoramas: Panoramas, identified: Identified) -> Compared:
+        """From apparent places and un-refracted directions; where there is no answer there is nothing to compare."""
         answers, named = identified.answers, identified.answers.named
         measured = identified.directions_sensor.take(rows_of(panoramas.parts, answers), axis=0)
         stars_icrs = self.identifier.catalog.icrs.take(answers.stars, axis=0)
@@ -216,7 +213,8 @@ class FrameProcessor:
             rotations = identified.attitudes.icrs_to_sensor[named], seen_from.icrs_to_sensor[named]
             frames = SolvedFrames(*rotations, self.truth, utc_ns, icrs_to_horizon)
             left_out = self.left_out.of(objects, answers, frames)
-        return geometric, true, errors_arcsec, residuals_arcsec, left_out
+        has_roll = np.ones(len(panoramas), dtype=np.bool_)
+        return Compared(identified.attitudes, geometric, true, errors_arcsec, residuals_arcsec, left_out, has_roll)
 
     def _light(self, objects: ObjectColumns, answers: Answers, true_stars: Answers | None) -> Starlights:
         """What the stars show of the sky: those of the answer, or of the reference identifier where there is none.
@@ -267,6 +265,17 @@ class FrameProcessor:
             if identified.separation_rad[k] < _SAME_BORESIGHT_RAD + by_air_rad:
                 checks[k] = _CORRECT
         return checks
+
+
+def _outcomes(identified: Identified) -> tuple[NDArray[np.uint8], dict[int, str]]:
+    """The status (K,) of each panorama, and the details of those without an answer."""
+    status = np.full(len(identified.answers), STATUSES.index(Status.IDENTIFIED), dtype=np.uint8)
+    details = {}
+    for k, answer in identified.answers.unidentified.items():
+        given = identified.given.get(k)
+        word, details[k] = external_result.status_of(given) if given else (_STATUS[answer.reason], answer.detail)
+        status[k] = STATUSES.index(word)
+    return status, details
 
 
 _STATUS = {

@@ -1,31 +1,130 @@
-"""Results of many panoramas as columns; the FrameResult of one is made on demand."""
+"""Results of panoramas: columns of many, and the result of one as a view of its row."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
-from typing import Self
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitudes, angles_deg
-from gse.identifier import Answers, Identification
-from gse.panorama import Panoramas
+from gse.attitude import Attitude, Attitudes, angles_deg
+from gse.external.identifier import Given
+from gse.identifier import Answers
+from gse.panorama import Panorama, Panoramas
 from gse.station.columns import ANSWER_CHECKS, STATUSES, empty_rows
 from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN, Others
-from gse.station.results import NO_MATCHES, AttitudeError, FrameResult, MatchColumns, Matches, Starlights
+from gse.station.results import ERRORS, AnswerCheck, AttitudeError, Match, MatchColumns, Starlights, Status
 from gse.station.starlight import rows_of
 
-ERRORS = tuple(field.name for field in fields(AttitudeError))
+T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FrameResult:
+    """Result of a panorama, the ``k``-th of ``results``; one line of gse.frame/1."""
+
+    results: "FrameResults"
+    k: int
+
+    @property
+    def panorama(self) -> Panorama:
+        """The panorama itself."""
+        return self.results.panoramas[self.k]
+
+    @property
+    def row(self) -> NDArray[np.void]:
+        """The one row (1,) of FRAME."""
+        return self.results.rows[self.k : self.k + 1]
+
+    @property
+    def alone(self) -> "FrameResults":
+        """The same as columns of one panorama."""
+        return self.results.part(self.k, self.k + 1)
+
+    @property
+    def status(self) -> Status:
+        """The outcome."""
+        return STATUSES[int(self.results.status[self.k])]
+
+    @property
+    def detail(self) -> str:
+        """Why there is no answer, in one line for a person; empty where there is one."""
+        return self.results.details.get(self.k, "")
+
+    @property
+    def identifier(self) -> str:
+        """The name of the identifier, or ``sensor`` where the sensor itself answered."""
+        return self.results.identifier
+
+    @property
+    def false_match_probability(self) -> float:
+        """Bound on the probability of such an answer to a panorama of random objects; NaN where none is known."""
+        return float(self.results.answers.false_match_probability[self.k])
+
+    @property
+    def attitude(self) -> Attitude | None:
+        """What the sensor would answer: from catalogue places in ICRS, with aberration and refraction in it."""
+        return self.results.attitudes[self.k]
+
+    @property
+    def attitude_geometric(self) -> Attitude | None:
+        """The same, freed of aberration and refraction."""
+        return self.results.geometric[self.k]
+
+    @property
+    def attitude_true(self) -> Attitude | None:
+        """Where the mount looked: geometric direction, ICRS axes."""
+        return self.results.true[self.k]
+
+    @property
+    def attitude_error(self) -> AttitudeError | None:
+        """Geometric minus true attitude."""
+        error = self.results.errors_arcsec[self.k]
+        return None if np.isnan(error).all() else AttitudeError(*error.tolist())
+
+    @property
+    def has_roll(self) -> bool:
+        """False for an answer of RA and DE alone, whose roll means nothing."""
+        return bool(self.results.has_roll[self.k])
+
+    @property
+    def matches(self) -> list[Match]:
+        """The objects that the answer names, brightest first."""
+        return self.results.matches[self.k]
+
+    @property
+    def others(self) -> tuple[tuple[int, str], ...]:
+        """Objects without a star: (object, "hot pixel" | "Jupiter" | "unknown" ...)."""
+        return self.results.others[self.k]
+
+    @property
+    def elapsed_us(self) -> float | None:
+        """Time from objects to RA and DE; None where no identifier was asked."""
+        elapsed_us = float(self.results.elapsed_us[self.k])
+        return None if math.isnan(elapsed_us) else elapsed_us
+
+    @property
+    def answer_check(self) -> AnswerCheck:
+        """The reference identifier's check of the answer."""
+        return ANSWER_CHECKS[int(self.results.answer_check[self.k])]
+
+    @property
+    def given(self) -> Given | None:
+        """What an external identifier gave."""
+        return self.results.given.get(self.k)
+
+
+@dataclass(frozen=True, eq=False)
 class FrameResults(Sequence[FrameResult]):
-    """Results of K panoramas; ``results[k]`` is one of them.
+    """Results of K panoramas as columns; ``results[k]`` is a view of one of them.
 
     ``status`` and ``answer_check`` (K,) are places in STATUSES and ANSWER_CHECKS, ``details`` the details that are not
     empty. The matches of ``answers`` have residuals (M, 2). ``errors_arcsec`` (K, 5) are the fields of AttitudeError,
-    NaN where there is none, as ``elapsed_us`` (K,). ``made`` are the results that were made one by one.
+    NaN where there is none, as ``elapsed_us`` (K,); a panorama may have an answer without a roll (``has_roll`` (K,)).
+    ``given`` is what an external identifier gave.
     """
 
     panoramas: Panoramas
@@ -40,71 +139,55 @@ class FrameResults(Sequence[FrameResult]):
     geometric: Attitudes
     true: Attitudes
     errors_arcsec: NDArray[np.float64]
+    has_roll: NDArray[np.bool_]
     answer_check: NDArray[np.uint8]
     others: Others
     light: Starlights
     left_out: MatchColumns
-    made: Sequence[FrameResult] = ()
-
-    @classmethod
-    def of(cls, results: Sequence[FrameResult]) -> Self:
-        """The columns of results that were made one by one."""
-        errors = [result.attitude_error for result in results]
-        matches = [result.matches for result in results]
-        return cls(
-            Panoramas.of([result.panorama for result in results]),
-            results[0].identifier,
-            results[0].matches.name_of,
-            np.array([STATUSES.index(result.status) for result in results], dtype=np.uint8),
-            {k: result.detail for k, result in enumerate(results) if result.detail},
-            Answers.of(
-                [Identification(m.objects, m.stars, _probability(r)) for m, r in zip(matches, results, strict=True)]
-            ),
-            np.concatenate([np.zeros((0, 2)), *(of_one.residuals_arcsec for of_one in matches)]),
-            np.array([np.nan if result.elapsed_us is None else result.elapsed_us for result in results]),
-            Attitudes.of([result.attitude for result in results]),
-            Attitudes.of([result.attitude_geometric for result in results]),
-            Attitudes.of([result.attitude_true for result in results]),
-            np.array([astuple(error) if error else (np.nan,) * 5 for error in errors], dtype=np.float64),
-            np.array([ANSWER_CHECKS.index(result.answer_check) for result in results], dtype=np.uint8),
-            Others.of([result.others for result in results]),
-            Starlights.of([result.light for result in results]),
-            MatchColumns.of([result.left_out for result in results]),
-            results,
-        )
+    given: Mapping[int, Given] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.panoramas)
 
     def __iter__(self) -> Iterator[FrameResult]:
-        return (self[k] for k in range(len(self)))
+        return (FrameResult(self, k) for k in range(len(self)))
 
     def __getitem__(self, k: int) -> FrameResult:  # type: ignore[override]
-        if self.made:
-            return self.made[k]
-        answer, rows = self.answers[k], self.answers.parts.rows(k)
-        named = answer if isinstance(answer, Identification) else None
-        error = self.errors_arcsec[k]
-        return FrameResult(
-            self.panoramas[k],
-            STATUSES[self.status[k]],
-            self.details.get(k, ""),
+        return FrameResult(self, range(len(self))[k])
+
+    def part(self, begin: int, end: int) -> "FrameResults":
+        """The results from ``begin`` to before ``end``."""
+        if (begin, end) == (0, len(self)):
+            return self
+        each, (_, rows) = slice(begin, end), self.answers.parts.part(begin, end)
+        return FrameResults(
+            self.panoramas.part(begin, end),
             self.identifier,
-            identification=named,
-            attitude=self.attitudes[k],
-            matches=Matches(named.objects, named.stars, self.residuals_arcsec[rows], self.star_name)
-            if named
-            else NO_MATCHES,
-            elapsed_us=None if np.isnan(self.elapsed_us[k]) else float(self.elapsed_us[k]),
-            attitude_geometric=self.geometric[k],
-            attitude_error=None if np.isnan(error).all() else AttitudeError(*error.tolist()),
-            attitude_true=self.true[k],
-            answer_check=ANSWER_CHECKS[self.answer_check[k]],
-            others=self.others[k],
-            left_out=self.left_out[k],
-            light=self.light[k],
+            self.star_name,
+            self.status[each],
+            _within(self.details, begin, end),
+            self.answers.part(begin, end),
+            self.residuals_arcsec[rows],
+            self.elapsed_us[each],
+            self.attitudes.part(begin, end),
+            self.geometric.part(begin, end),
+            self.true.part(begin, end),
+            self.errors_arcsec[each],
+            self.has_roll[each],
+            self.answer_check[each],
+            self.others.part(begin, end),
+            self.light.part(begin, end),
+            self.left_out.part(begin, end),
+            _within(self.given, begin, end),
         )
 
+    @property
+    def matches(self) -> MatchColumns:
+        """The matches of the answers."""
+        answers = self.answers
+        return MatchColumns(answers.parts, answers.objects, answers.stars, self.residuals_arcsec, self.star_name)
+
+    @cached_property
     def rows(self) -> NDArray[np.void]:
         """The rows (K,) of FRAME."""
         rows, panoramas, light = empty_rows(len(self)), self.panoramas, self.light
@@ -118,7 +201,7 @@ class FrameResults(Sequence[FrameResult]):
         rows["zero_point_mag"], rows["limiting_mag"] = light.zero_point_mag, light.limiting_mag
         rows["hot_pixels"], rows["false_objects"] = self.others.count(HOT_PIXEL), self._false_objects()
         answered, true = angles_deg(self.attitudes.icrs_to_sensor), angles_deg(self.true.icrs_to_sensor)
-        answered[[k for k, result in enumerate(self.made) if not result.has_roll], 2] = np.nan
+        answered[~self.has_roll, 2] = np.nan
         for axis, name in enumerate(("ra", "de", "roll")):
             rows[f"{name}_deg"], rows[f"{name}_true_deg"] = answered[:, axis], true[:, axis]
         for name, values in zip(ERRORS, self.errors_arcsec.T, strict=True):
@@ -133,8 +216,7 @@ class FrameResults(Sequence[FrameResult]):
 
     def match_rows(self) -> NDArray[np.void]:
         """The rows (M,) of MATCH, by frame; ``frame`` counts from the first of these panoramas."""
-        stars = self.answers.parts, self.answers.objects, self.answers.stars, self.residuals_arcsec
-        rows = self._match_rows(MatchColumns(*stars, self.star_name), True)
+        rows = self._match_rows(self.matches, True)
         if not len(self.left_out.objects):
             return rows
         rows = np.concatenate([rows, self._match_rows(self.left_out, False)])
@@ -164,27 +246,6 @@ class FrameResults(Sequence[FrameResult]):
         return rows
 
 
-class NewResults(Sequence[FrameResult]):
-    """Results that follow each other, each made when it is asked for; ``rows`` (K,) are their rows of FRAME."""
-
-    def __init__(self, results: Sequence[FrameResult], rows: NDArray[np.void], first: int = 0) -> None:
-        self.rows = rows
-        self._results, self._first = results, first
-
-    @classmethod
-    def of(cls, results: Sequence[FrameResult]) -> Self:
-        """Results that were made one by one."""
-        return cls(results, FrameResults.of(results).rows())
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __iter__(self) -> Iterator[FrameResult]:
-        return (self._results[k] for k in range(self._first, self._first + len(self)))
-
-    def __getitem__(self, k: int) -> FrameResult:  # type: ignore[override]
-        return self._results[range(self._first, self._first + len(self))[k]]
-
-
-def _probability(result: FrameResult) -> float:
-    return result.identification.false_match_probability if result.identification else np.nan
+def _within(by_place: Mapping[int, T], begin: int, end: int) -> dict[int, T]:
+    """What belongs to the places from ``begin`` to before ``end``, counted from there."""
+    return {k - begin: value for k, value in by_place.items() if begin <= k < end}

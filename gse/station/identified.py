@@ -1,4 +1,4 @@
-"""What follows from panoramas alone: answers, attitudes, and the reference identifier's check of them."""
+"""What follows from panoramas: first from them alone, then with truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.attitude import Attitudes
 from gse.external.identifier import Given
 from gse.identifier import Answers
-from gse.station.results import Starlights
+from gse.station.results import MatchColumns, Starlights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,3 +32,22 @@ class Identified:
     light: Starlights
     elapsed_us: NDArray[np.float64]
     given: Mapping[int, Given] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """What follows from the answers to K panoramas with truth; NaN where there is no answer, or no truth.
+
+    ``attitudes`` are those of the answers; a roll that was not answered (``has_roll`` (K,)) is that of the truth.
+    ``geometric`` attitudes are freed of aberration and refraction, ``true`` ones are where the mount looked, and
+    ``errors_arcsec`` (K, 5), the fields of AttitudeError, are between these two. ``residuals_arcsec`` (M, 2) are of the
+    answers' matches; ``left_out`` are stars that no answer names.
+    """
+
+    attitudes: Attitudes
+    geometric: Attitudes
+    true: Attitudes
+    errors_arcsec: NDArray[np.float64]
+    residuals_arcsec: NDArray[np.float64]
+    left_out: MatchColumns
+    has_roll: NDArray[np.bool_]

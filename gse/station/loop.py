@@ -63,7 +63,7 @@ from gse.station.camera_watch import CameraWatch
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import FrameProcessor
-from gse.station.frame_results import FrameResults, NewResults
+from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.housekeeping import fill_housekeeping
 from gse.station.identified import Identified
 from gse.station.mount_alignment import FirstSeconds
@@ -71,7 +71,7 @@ from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
 from gse.station.reception import News, Received, Reception
 from gse.station.result_events import ResultEvents
-from gse.station.results import FrameResult, OwnAnswer, Subject
+from gse.station.results import OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
@@ -103,7 +103,7 @@ class _Asked(NamedTuple):
 class Listener(Protocol):
     """Receiver of each result and event of a session: a view, a stream of JSON, a calibration."""
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Receive the results of panoramas that follow each other."""
         ...
 
@@ -339,22 +339,22 @@ class StationLoop:
     def _store(self, results: FrameResults) -> None:
         """Store results; the listeners see them in their order, with the events that they bring between them."""
         first, shown = len(self.session.frames), 0
-        rows = results.rows()
-        self.session.frames.extend(rows, results.match_rows(), results.other_rows())
+        self.session.frames.extend(results.rows, results.match_rows(), results.other_rows())
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             for result in results:
                 self._first_seconds.add(result, self._frame_processor.truth)
         for k, event in self._result_events.of(results, self.session, first):
-            self._show(results, rows, shown, k)
+            self._show(results, shown, k)
             self.on_event(event)
             shown = k
-        self._show(results, rows, shown, len(results))
+        self._show(results, shown, len(results))
 
-    def _show(self, results: FrameResults, rows: NDArray[np.void], begin: int, end: int) -> None:
+    def _show(self, results: FrameResults, begin: int, end: int) -> None:
         """Pass results from ``begin`` to before ``end`` to the listeners."""
-        if begin < end:
+        if begin < end and self.listeners:
+            part = results.part(begin, end)
             for listener in self.listeners:
-                listener.on_results(NewResults(results, rows[begin:end], begin), self.session)
+                listener.on_results(part, self.session)
 
     def _conclude_own(self, answer: OwnAnswer) -> FrameResults:
         """Compare an answer of a sensor that sends no panoramas with truth; store the result and pass it on."""
@@ -362,7 +362,7 @@ class StationLoop:
         self._prepare(panorama.utc_ns)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         self.sky.sees_objects = False
-        results = FrameResults.of([self._own_answers.result(panorama, answer.message, truth, mount)])
+        results = self._own_answers.results(panorama, answer.message, truth, mount)
         self._store(results)
         return results
 

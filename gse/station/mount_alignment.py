@@ -11,9 +11,9 @@ from gse.count_text import count_text
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators, star_covariance, unfitted
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.frame_table import ANSWER_CHECKS, residuals_of, xy_px_of
-from gse.station.results import AnswerCheck, FrameResult
+from gse.station.results import AnswerCheck
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks, truth_of
 
@@ -43,7 +43,7 @@ class MeasuredMounts:
         rotation = result.attitude_geometric.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns).T
         self._rotations.extend(rotation.ravel().tolist())
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Take frames from the loop."""
         if self._truth is None:
             self._truth = truth_of(session.station.site, session.station.mount, session.earth_orientation)

@@ -57,12 +57,14 @@ class Others:
     kinds: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, others: Sequence[Sequence[tuple[int, str]]]) -> Self:
-        """The columns of (object, kind) of panoramas given one by one."""
-        whole = [item for of_one in others for item in of_one]
-        objects = np.array([row for row, _ in whole], dtype=np.int64)
-        kinds = np.array([KINDS.index(kind) for _, kind in whole], dtype=np.uint8)
-        return cls(Parts.of_counts([len(of_one) for of_one in others]), objects, kinds)
+    def none(cls, count: int) -> Self:
+        """So many panoramas in which nothing was looked for."""
+        return cls(Parts(np.zeros(count + 1, dtype=np.int64)), np.zeros(0, np.int64), np.zeros(0, np.uint8))
+
+    def part(self, begin: int, end: int) -> Self:
+        """The objects of the panoramas from ``begin`` to before ``end``."""
+        parts, rows = self.parts.part(begin, end)
+        return type(self)(parts, self.objects[rows], self.kinds[rows])
 
     def __getitem__(self, k: int) -> tuple[tuple[int, str], ...]:
         rows = self.parts.rows(k)

@@ -5,15 +5,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
+from gse.attitude import Attitude, Attitudes
 from gse.attitude_convention import AttitudeConvention
 from gse.camera import Camera
+from gse.identifier import Answers
 from gse.mount import Mount
-from gse.panorama import Panorama
-from gse.station.attitude_error import attitude_error
+from gse.panorama import Panorama, Panoramas
+from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import AttitudeTable
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.frame_results import FrameResults
+from gse.station.non_stellar import Others
 from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
-from gse.station.results import FrameResult, OwnAnswer, Status, Subject
+from gse.station.results import ERRORS, AnswerCheck, MatchColumns, OwnAnswer, Starlights, Status, Subject
 from gse.truth import SiderealTruth, mount_of
 from protocols import AttitudeMessage
 
@@ -44,36 +48,46 @@ class OwnAnswerProcessor:
             problems=message.problems,
         )
 
-    def result(
+    def results(
         self, panorama: Panorama, message: AttitudeMessage, truth: SiderealTruth | None, mount: Mount | None
-    ) -> FrameResult:
-        """The result of an answer; its identification time is the processing time that the sensor states."""
+    ) -> FrameResults:
+        """The result of an answer, alone; its identification time is the processing time that the sensor states."""
         table = AttitudeTable()
         table.append(panorama.host_utc_ns, message)
-        elapsed_us = None if math.isnan(message.latency_s) else message.latency_s * 1e6
-        who = Subject.SENSOR.value
-        (is_answer,) = table.columns["acquired"]
-        if not is_answer:
+        status, detail = Status.IDENTIFIED, ""
+        measured, geometric, true = (Attitudes.none(1) for _ in range(3))
+        errors_arcsec = np.full((1, len(ERRORS)), np.nan)
+        utc_ns = np.array([panorama.utc_ns])
+        if not table.columns["acquired"][0]:
             status = Status.SENSOR_FAULT if message.problems else Status.NO_MATCH
             detail = message.problems[0] if message.problems else f"the sensor says {message.state or 'nothing'}"
-            return FrameResult(panorama, status, detail, who, elapsed_us=elapsed_us)
-        utc_ns = np.array([panorama.utc_ns])
-        (measured,) = measured_rotations(table.columns, utc_ns, self._convention)
-        geometric = true = None
-        if truth is not None:
-            (shift,) = self._of(truth, mount or _looking_at(measured, truth, panorama.utc_ns)).shifts(utc_ns)
-            geometric = Attitude(shift.T @ measured, _NO_COVARIANCE)
-            true = truth.attitude_true(panorama.utc_ns, mount) if mount else None
-        return FrameResult(
-            panorama,
-            Status.IDENTIFIED,
-            "",
-            who,
-            attitude=Attitude(measured, _NO_COVARIANCE),
-            elapsed_us=elapsed_us,
-            attitude_geometric=geometric,
-            attitude_error=attitude_error(geometric, true) if geometric and true else None,
-            attitude_true=true,
+        else:
+            (seen,) = measured_rotations(table.columns, utc_ns, self._convention)
+            measured[0] = Attitude(seen, _NO_COVARIANCE)
+            if truth is not None:
+                (shift,) = self._of(truth, mount or _looking_at(seen, truth, panorama.utc_ns)).shifts(utc_ns)
+                geometric[0] = Attitude(shift.T @ seen, _NO_COVARIANCE)
+            if truth is not None and mount is not None:
+                true[0] = truth.attitude_true(panorama.utc_ns, mount)
+                errors_arcsec = attitude_errors(geometric.icrs_to_sensor, true.icrs_to_sensor)
+        return FrameResults(
+            Panoramas.of([panorama]),
+            Subject.SENSOR.value,
+            str,
+            np.array([STATUSES.index(status)], dtype=np.uint8),
+            {0: detail} if detail else {},
+            Answers.none(1),
+            np.zeros((0, 2)),
+            np.array([message.latency_s * 1e6]),
+            measured,
+            geometric,
+            true,
+            errors_arcsec,
+            np.array([True]),
+            np.array([ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)], dtype=np.uint8),
+            Others.none(1),
+            Starlights.none(1),
+            MatchColumns.none(1),
         )
 
     def _of(self, truth: SiderealTruth, mount: Mount) -> OwnAnswerTruth:

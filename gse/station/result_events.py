@@ -7,7 +7,6 @@ from operator import itemgetter
 from drivers.chunk import LinkEvent
 from gse.external.answers import Failure, FailureKind
 from gse.identifier import Reason
-from gse.panorama import Panorama
 from gse.station.camera_watch import CameraWatch
 from gse.station.event_kinds import StationKind
 from gse.station.frame_results import FrameResults
@@ -48,20 +47,19 @@ class ResultEvents:
 
 def _external(results: FrameResults, session: SessionData) -> Iterator[tuple[int, LinkEvent]]:
     """What an external identifier did is counted; its failures are events."""
-    for k, result in enumerate(results.made):
-        if result.given is not None:
-            session.external_counts.count(result.given)
-            if isinstance(result.given.answer, Failure):
-                utc_ns, (kind, text) = result.panorama.utc_ns, _failure_words(result.given.answer, result.panorama)
-                if kind is StationKind.IDENTIFIER_FAULT or session.external_counts.failures[FailureKind.GIVEN_UP] == 1:
-                    yield k, LinkEvent(utc_ns, 0, kind, text)
+    for k, given in results.given.items():
+        session.external_counts.count(given)
+        if isinstance(given.answer, Failure):
+            kind, text = _failure_words(given.answer, int(results.panoramas.frame_no[k]))
+            if kind is StationKind.IDENTIFIER_FAULT or session.external_counts.failures[FailureKind.GIVEN_UP] == 1:
+                yield k, _event(results, k, kind, text)
 
 
-def _failure_words(failure: Failure, panorama: Panorama) -> tuple[StationKind, str]:
+def _failure_words(failure: Failure, frame_no: int) -> tuple[StationKind, str]:
     """Kind and text of an event; a kind of its own where no more answers come, so that it is announced too."""
     if failure.kind is FailureKind.GIVEN_UP:
-        return StationKind.IDENTIFIER_GIVEN_UP, f"no answer from frame {panorama.frame_no} on: {failure.detail}"
-    return StationKind.IDENTIFIER_FAULT, f"{failure.kind} at frame {panorama.frame_no}: {failure.detail}"
+        return StationKind.IDENTIFIER_GIVEN_UP, f"no answer from frame {frame_no} on: {failure.detail}"
+    return StationKind.IDENTIFIER_FAULT, f"{failure.kind} at frame {frame_no}: {failure.detail}"
 
 
 def _event(results: FrameResults, k: int, kind: str, text: str) -> LinkEvent:

@@ -1,7 +1,7 @@
-"""Result types: one result per panorama; byte and frame counters of the link."""
+"""Words and values of results: statuses, matches, errors, starlight; byte and frame counters of the link."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import Self
@@ -9,10 +9,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
-from gse.external.identifier import Given
-from gse.identifier.result import Identification
-from gse.panorama import Panorama
 from gse.parts import Parts
 from protocols import AttitudeMessage
 
@@ -95,32 +91,12 @@ class Match:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Matches:
-    """The objects of a panorama that are stars, as columns; iterating gives them as Match, brightest first.
-
-    ``objects`` (M,) are rows of the panorama, ``stars`` (M,) rows of the catalogue that ``name_of`` knows, and
-    ``residuals_arcsec`` is (M, 2).
-    """
-
-    objects: NDArray[np.int64]
-    stars: NDArray[np.int64]
-    residuals_arcsec: NDArray[np.float64]
-    name_of: Callable[[int], str]
-
-    def __len__(self) -> int:
-        return len(self.objects)
-
-    def __iter__(self) -> Iterator[Match]:
-        columns = self.objects.tolist(), self.stars.tolist(), self.residuals_arcsec.tolist()
-        return (Match(row, self.name_of(star), x, y) for row, star, (x, y) in zip(*columns, strict=True))
-
-
-NO_MATCHES = Matches(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), str)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class MatchColumns:
-    """Matches of K panoramas as columns of M rows, in parts; ``columns[k]`` are those of one."""
+    """Objects of K panoramas that are stars, as columns of M rows, in parts; ``matches[k]`` are those of one.
+
+    ``objects`` (M,) are rows of their panorama, ``stars`` (M,) rows of the catalogue that ``name_of`` knows, and
+    ``residuals_arcsec`` is (M, 2); brightest first.
+    """
 
     parts: Parts
     objects: NDArray[np.int64]
@@ -131,26 +107,18 @@ class MatchColumns:
     @classmethod
     def none(cls, count: int) -> Self:
         """No matches of so many panoramas."""
-        nothing = NO_MATCHES.objects, NO_MATCHES.stars, NO_MATCHES.residuals_arcsec
-        return cls(Parts(np.zeros(count + 1, dtype=np.int64)), *nothing, str)
+        nothing = np.zeros(0, np.int64)
+        return cls(Parts(np.zeros(count + 1, dtype=np.int64)), nothing, nothing, np.zeros((0, 2)), str)
 
-    @classmethod
-    def of(cls, matches: Sequence[Matches]) -> Self:
-        """The columns of matches given one by one, of one catalogue."""
-        return cls(
-            Parts.of_counts([len(of_one) for of_one in matches]),
-            np.concatenate([NO_MATCHES.objects, *(of_one.objects for of_one in matches)]),
-            np.concatenate([NO_MATCHES.stars, *(of_one.stars for of_one in matches)]),
-            np.concatenate([NO_MATCHES.residuals_arcsec, *(of_one.residuals_arcsec for of_one in matches)]),
-            matches[0].name_of if matches else str,
-        )
-
-    def __getitem__(self, k: int) -> Matches:
+    def __getitem__(self, k: int) -> list[Match]:
         rows = self.parts.rows(k)
-        return Matches(self.objects[rows], self.stars[rows], self.residuals_arcsec[rows], self.name_of)
+        columns = self.objects[rows].tolist(), self.stars[rows].tolist(), self.residuals_arcsec[rows].tolist()
+        return [Match(row, self.name_of(star), x, y) for row, star, (x, y) in zip(*columns, strict=True)]
 
-    def __iter__(self) -> Iterator[Matches]:
-        return (self[k] for k in range(len(self.parts)))
+    def part(self, begin: int, end: int) -> Self:
+        """The matches of the panoramas from ``begin`` to before ``end``."""
+        parts, rows = self.parts.part(begin, end)
+        return type(self)(parts, self.objects[rows], self.stars[rows], self.residuals_arcsec[rows], self.name_of)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,40 +137,22 @@ class AttitudeError:
     cross_y_arcsec: float
 
 
-@dataclass(frozen=True, slots=True)
-class Starlight:
-    """What the named stars of a panorama show of the sky; NaN where none is named.
+ERRORS = tuple(item.name for item in fields(AttitudeError))
+"""Columns of errors, in their order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Starlights:
+    """What the named stars of K panoramas show of the sky, as columns (K,); NaN where none is named.
 
     ``zero_point_mag`` is the magnitude of a star with index value 1, ``limiting_mag`` that of the faintest named star.
     Objects brighter than ``faintest_index`` would be in the catalogue if they were stars.
     """
 
-    stars: int = 0
-    zero_point_mag: float = math.nan
-    limiting_mag: float = math.nan
-    faintest_index: float = math.inf
-
-
-NO_STARLIGHT = Starlight()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Starlights:
-    """Starlight of K panoramas as columns; ``light[k]`` is that of one."""
-
     stars: NDArray[np.int64]
     zero_point_mag: NDArray[np.float64]
     limiting_mag: NDArray[np.float64]
     faintest_index: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, lights: Sequence[Starlight]) -> Self:
-        """The columns of what panoramas show one by one."""
-        made = cls.none(len(lights))
-        for k, light in enumerate(lights):
-            made.stars[k], made.zero_point_mag[k] = light.stars, light.zero_point_mag
-            made.limiting_mag[k], made.faintest_index[k] = light.limiting_mag, light.faintest_index
-        return made
 
     @classmethod
     def none(cls, count: int) -> Self:
@@ -215,40 +165,9 @@ class Starlights:
         for column in fields(self):
             getattr(self, column.name)[places] = getattr(others, column.name)[places]
 
-    def __getitem__(self, k: int) -> Starlight:
-        columns = self.zero_point_mag, self.limiting_mag, self.faintest_index
-        return Starlight(int(self.stars[k]), *(float(column[k]) for column in columns))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameResult:
-    """Result of one panorama; one line of gse.frame/1.
-
-    ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
-    refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
-    (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` classifies non-stellar
-    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...). ``left_out`` are stars that the answer does not name
-    although the panorama shows them. ``given`` is what an external identifier gave; an answer
-    of RA and DE alone ``has_roll`` False, and its roll means nothing.
-    """
-
-    panorama: Panorama
-    status: Status
-    detail: str
-    identifier: str
-    identification: Identification | None = None
-    attitude: Attitude | None = None
-    matches: Matches = NO_MATCHES
-    elapsed_us: float | None = None
-    attitude_geometric: Attitude | None = None
-    attitude_error: AttitudeError | None = None
-    attitude_true: Attitude | None = None
-    answer_check: AnswerCheck = AnswerCheck.UNKNOWN
-    others: tuple[tuple[int, str], ...] = ()
-    left_out: Matches = NO_MATCHES
-    light: Starlight = NO_STARLIGHT
-    has_roll: bool = True
-    given: Given | None = None
+    def part(self, begin: int, end: int) -> Self:
+        """The light of the panoramas from ``begin`` to before ``end``."""
+        return type(self)(*(getattr(self, column.name)[begin:end] for column in fields(self)))
 
 
 @dataclass(slots=True)

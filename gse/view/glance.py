@@ -22,8 +22,8 @@ from gse.config.station import Station
 from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.station.event_kinds import StationKind
-from gse.station.frame_results import NewResults
-from gse.station.results import FrameResult, Subject
+from gse.station.frame_results import FrameResult, FrameResults
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.view.dawn import NextDawn, is_bright
 from gse.view.event_lines import EventLines
@@ -92,7 +92,7 @@ class Glance:
         self._slow: dict[str, Any] = {}
         self._slow_due_ns = 0
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Take results; the oldest ones that wait are dropped where there are too many."""
         clock = clock_health(session.clock[-1], session.clock_error_s) if session.clock else ""
         mount = session.alignment.mount if session.alignment else self._fixed_mount()
@@ -147,12 +147,12 @@ class Glance:
         result, utc_ns = shown.result, shown.result.panorama.utc_ns
         self._latest = shown
         self._first_utc_ns = self._first_utc_ns or utc_ns
-        self._running.add(NewResults.of([result]).rows)
+        self._running.add(result.row)
         if result.attitude is not None:
             self._answered_utc_ns = utc_ns
-        if result.attitude_error is not None:
-            self._recent[self._subject, "dRA*"].add(utc_ns, result.attitude_error.d_ra_cosde_arcsec)
-            self._recent[self._subject, "dDE"].add(utc_ns, result.attitude_error.d_de_arcsec)
+        if (error := result.attitude_error) is not None:
+            self._recent[self._subject, "dRA*"].add(utc_ns, error.d_ra_cosde_arcsec)
+            self._recent[self._subject, "dDE"].add(utc_ns, error.d_de_arcsec)
 
     @property
     def _subject(self) -> str:
@@ -202,12 +202,12 @@ class Glance:
             return {"seen": 0, "expected": None, "objects": 0, "limiting_mag": None}
         if self._subject == Subject.SENSOR:
             return {"seen": None, "expected": None, "objects": None, "limiting_mag": None}
-        light = self._latest.result.light
+        (row,) = self._latest.result.row
         return {
-            "seen": light.stars,
+            "seen": int(row["stars_seen"]),
             "expected": _number(self._latest.expected, 0),
             "objects": self._running.objects,
-            "limiting_mag": _number(light.limiting_mag, 1),
+            "limiting_mag": _number(float(row["limiting_mag"]), 1),
         }
 
     def _axes(self) -> list[dict[str, Any]]:

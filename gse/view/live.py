@@ -14,7 +14,7 @@ from drivers.chunk import LinkEvent
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.errors import GseError
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.notes import Notes
 from gse.station.session_data import SessionData
 from gse.view.glance import Glance
@@ -82,7 +82,7 @@ class LiveView:
             return
         self.url, self.token = self._server.url, self._server.token
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Show results; dropped where the view is too slow."""
         self._glance.on_results(results, session)
         if self._feed:

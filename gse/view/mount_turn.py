@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.mount import Mount
-from gse.station.results import FrameResult
+from gse.station.frame_results import FrameResult
 from gse.truth import horizon_to_sensor
 
 NEAR_ZENITH_DEG = 80.0

@@ -15,8 +15,9 @@ from gse.config.station import Station
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
+from gse.station.frame_results import FrameResult
 from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
-from gse.station.results import FrameResult, Subject
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, truth_of
 

@@ -24,9 +24,9 @@ from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.instant import NS_PER_S
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.housekeeping import in_words
-from gse.station.results import FrameResult, LinkCounters
+from gse.station.results import LinkCounters
 from gse.station.session_data import SessionData
 from gse.view.glance_word import bare_verdict
 from gse.view.own_answers import OwnAnswerErrors
@@ -113,7 +113,7 @@ class RerunFeed:
         self._thread = threading.Thread(target=self._run, args=(station, catalog), name="live view", daemon=True)
         self._thread.start()
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Show results with the present link counters and clock; a full queue drops its oldest item."""
         readings = tuple(session.clock[self._readings :])
         self._readings += len(readings)

@@ -13,9 +13,8 @@ from gse.drawing.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLO
 from gse.instant import NS_PER_S
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
-from gse.station.frame_results import ERRORS
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, AttitudeError, Status
+from gse.station.results import ERRORS, AnswerCheck, AttitudeError, Status
 from gse.view.glance_word import NO_ANSWER_S
 
 LINK_WORDS: dict[str, str] = {

@@ -19,9 +19,9 @@ from gse.config.station import Station
 from gse.instant import NS_PER_S
 from gse.recording.event_kinds import RecorderKind
 from gse.station.event_kinds import StationKind
-from gse.station.frame_results import FrameResults
+from gse.station.frame_results import FrameResult
 from gse.station.frame_table import STATUSES, FrameTable
-from gse.station.results import FrameResult, Status
+from gse.station.results import Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.event_lines import EventLines
 from gse.view.picture import Picture
@@ -128,7 +128,7 @@ class Scene:
     def add(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
         """Show some frames, in order of time; only the last ``pictures`` of them as panoramas."""
         self._send_pictures(self._stream, frames[-pictures:])
-        rows = FrameResults.of(frames).rows()
+        rows = np.concatenate([frame.row for frame in frames])
         self.running.add(rows)
         for row, frame in zip(rows, frames, strict=True):
             self._log_change(row, frame.detail)
@@ -136,10 +136,12 @@ class Scene:
         self._latest.add(self._next(), frames[-1].panorama.utc_ns, frames[-1])
 
     def _send_pictures(self, stream: rr.RecordingStream, frames: Sequence[FrameResult]) -> None:
-        shown = FrameResults.of(frames)
-        matches = shown.match_rows()
-        self._picture.send(stream, shown.rows(), matches, shown.other_rows(), shown.star_name)
-        self._picture.send_residuals(stream, shown.rows(), matches)
+        rows = np.concatenate([frame.row for frame in frames])
+        alone = [frame.alone for frame in frames]
+        matches = _numbered([one.match_rows() for one in alone])
+        others = _numbered([one.other_rows() for one in alone])
+        self._picture.send(stream, rows, matches, others, alone[0].star_name)
+        self._picture.send_residuals(stream, rows, matches)
 
     def add_whole(self, frames: FrameTable, events: Sequence[LinkEvent], star_name: Callable[[int], str]) -> None:
         """Show all frames of a session that has ended, and its events.
@@ -346,6 +348,13 @@ class Scene:
         """The same, wherever the time cursor stands."""
         for path, text in (("/verdict", markdown), ("/metrics", _headed(metrics))):
             self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def _numbered(objects: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """The objects of frames that are given one by one, each with the number of its frame."""
+    for number, of_one in enumerate(objects):
+        of_one["frame"] = number
+    return np.concatenate(objects)
 
 
 def _of_shown(objects: NDArray[np.void], stride: int) -> NDArray[np.void]:

@@ -18,7 +18,7 @@ from gse import instant
 from gse.config.station import Station
 from gse.count_text import count_text
 from gse.station.announcer import Announcer
-from gse.station.frame_results import NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.session_data import SessionData
 from gse.view.running_statistics import LINK_WORDS, Running
 from gse.view.verdict_text import clock_health, percent
@@ -63,7 +63,7 @@ class StatusLine:
         )
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=2, transient=True)
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Add frames."""
         self._session = session
         begin = 0

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from skies.one_by_one import Made, Stars, results_of
 
 from drivers.clock import ClockReading
 from gse.attitude import angles_deg
@@ -10,8 +11,8 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier import Identification
 from gse.instant import NS_PER_S, from_text
 from gse.panorama import Panorama
-from gse.station.frame_results import ERRORS, FrameResults
-from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Matches, Status
+from gse.station.frame_results import ERRORS
+from gse.station.results import AnswerCheck, AttitudeError, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth
 
@@ -55,8 +56,8 @@ def rows_of(utc_ns, numbers, errors, like):
 
     They take a tenth of the time of frames that are made one by one.
     """
-    one = FrameResults.of([like])
-    rows, matches = np.repeat(one.rows(), len(numbers)), np.tile(one.match_rows(), len(numbers))
+    one = results_of([like])
+    rows, matches = np.repeat(one.rows, len(numbers)), np.tile(one.match_rows(), len(numbers))
     rows["utc_ns"], rows["frame_no"] = utc_ns, numbers
     rows["host_utc_ns"] = utc_ns + [late_ns(number) for number in numbers.tolist()]
     ra, de, roll = errors.T
@@ -79,14 +80,14 @@ def frame(utc_ns, number, error, judged=AnswerCheck.CORRECT, sensor_ppm=0.0, mat
     time_us = round((utc_ns - START_NS) / 1000 * (1 - sensor_ppm * 1e-6))
     xy_px = np.array([[x, y] for x, y, _, _ in matches]).reshape(-1, 2)
     panorama = Panorama(utc_ns, xy_px, np.ones(len(xy_px)), number, 0.1, time_us, utc_ns + late_ns(number))
-    return FrameResult(
+    return Made(
         panorama,
         Status.IDENTIFIED,
         "",
         "neighbour",
         identification=Identification(np.arange(0), np.arange(0), 1e-9),
         attitude=true,
-        matches=Matches(*[np.arange(len(matches))] * 2, np.array(matches).reshape(-1, 4)[:, 2:], str),
+        matches=Stars(*[np.arange(len(matches))] * 2, np.array(matches).reshape(-1, 4)[:, 2:], str),
         elapsed_us=150.0,
         attitude_error=error,
         attitude_true=true,
@@ -96,4 +97,4 @@ def frame(utc_ns, number, error, judged=AnswerCheck.CORRECT, sensor_ppm=0.0, mat
 
 def unanswered(number, status=Status.NO_MATCH):
     panorama = Panorama(START_NS + number * NS_PER_S, np.empty((0, 2)), np.empty(0), number)
-    return FrameResult(panorama, status, "", "neighbour", answer_check=AnswerCheck.ABSENT)
+    return Made(panorama, status, "", "neighbour", answer_check=AnswerCheck.ABSENT)

@@ -4,7 +4,7 @@ import functools
 import math
 
 import numpy as np
-from skies.one_by_one import add_frames
+from skies.one_by_one import Made, Stars, add_frames
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
@@ -14,7 +14,7 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier import Identification
 from gse.instant import NS_PER_S, from_text
 from gse.panorama import Panorama
-from gse.station.results import AnswerCheck, AttitudeError, FrameResult, LinkCounters, Matches, Status
+from gse.station.results import AnswerCheck, AttitudeError, LinkCounters, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor
 
@@ -73,7 +73,7 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
     )
     others = ((len(stars), "hot pixel"), (len(stars) + 1, "Jupiter"), (len(stars) + 2, "unknown"))
     if trouble and number % 50 == 49:
-        return FrameResult(panorama, Status.NO_MATCH, "no star reached Fn = 6", "neighbour", elapsed_us=900.0)
+        return Made(panorama, Status.NO_MATCH, "no star reached Fn = 6", "neighbour", elapsed_us=900.0)
     d_ra, d_de = generator.normal(0, noise_arcsec, 2) + bias_arcsec
     if trouble and number % 211 == 210:
         d_ra = 75.0
@@ -82,14 +82,14 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
         true.ra_deg + d_ra / 3600 / math.cos(math.radians(true.de_deg)), true.de_deg + d_de / 3600, true.roll_deg
     )
     residuals = generator.normal(0, 0.2 * camera.pixel_rad / ARCSEC, (len(stars), 2))
-    return FrameResult(
+    return Made(
         panorama,
         Status.IDENTIFIED,
         "",
         "neighbour",
         Identification(np.arange(len(stars)), stars, 1e-12),
         measured,
-        Matches(np.arange(len(stars)), stars, residuals, catalog.name),
+        Stars(np.arange(len(stars)), stars, residuals, catalog.name),
         float(60 + generator.exponential(20)),
         measured,
         AttitudeError(float(d_ra), float(d_de), d_roll, float(-d_ra), float(d_de)),

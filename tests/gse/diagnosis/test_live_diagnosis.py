@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, session
+from skies.one_by_one import Made, results_of
 
 from gse.diagnosis.live_diagnosis import LiveDiagnosis
 from gse.instant import NS_PER_S
 from gse.panorama import Panorama
 from gse.station.event_kinds import FindingEvent
-from gse.station.frame_results import NewResults
-from gse.station.results import FrameResult, Status
+from gse.station.results import Status
 
 
 def announced_after_s(times_s, fails_from_s=0.0):
@@ -20,7 +20,7 @@ def announced_after_s(times_s, fails_from_s=0.0):
         if at_s >= fails_from_s:
             made.frames.columns["status"] = list(Status).index(Status.NO_MATCH)
         panorama = Panorama(START_NS + round(at_s * NS_PER_S), np.empty((0, 2)), np.empty(0))
-        listener.on_results(NewResults.of([FrameResult(panorama, Status.NO_MATCH, "", "neighbour")]), made)
+        listener.on_results(results_of([Made(panorama, Status.NO_MATCH, "", "neighbour")]), made)
     assert all(isinstance(event, FindingEvent) and event.mono_ns == 0 for event in told)
     return [(event.utc_ns - START_NS) / NS_PER_S for event in told]
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 from rich.console import Console
-from skies.one_by_one import add_frame
+from skies.one_by_one import NO_STARS, add_frame
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
@@ -29,7 +29,7 @@ from gse.report.summary import plain
 from gse.report.terminal import facts, plain_lines, print_verdict
 from gse.report.why import why_page
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.results import NO_MATCHES, Status
+from gse.station.results import Status
 from gse.station.session_data import SessionData
 from protocols import StatusMessage
 
@@ -274,7 +274,7 @@ def test_a_night_without_one_answer_still_has_a_report(tmp_path: Path) -> None:
             frame,
             status=Status.TOO_FEW,
             attitude=None,
-            matches=NO_MATCHES,
+            matches=NO_STARS,
             attitude_error=None,
             attitude_true=None,
             elapsed_us=None,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from devices.command_line import runner
 from devices.programs import program
+from skies.one_by_one import Made, result_of
 
 from gse.attitude_convention import AttitudeConvention, read_quaternions, state_angles, state_quaternions
 from gse.external.answers import parse_answer
@@ -16,7 +17,7 @@ from gse.sessions.expected_attitudes import ExpectedAttitudes
 from gse.sessions.replay import replay_session
 from gse.station.attitude_table import AttitudeTable
 from gse.station.own_answers import measured_rotations
-from gse.station.results import FrameResult, Status, Subject
+from gse.station.results import Status, Subject
 from gse.statistics.sensor_answers import paired_answers
 from protocols import AttitudeMessage, load_protocol
 
@@ -93,7 +94,7 @@ def compared(protocol, convention, message, document):
     panorama = Panorama(1_774_018_800_000_000_000, np.empty((0, 2)), np.empty(0), 7, time_us=5)
     answer = parse_answer({"frame_no": 7, **document}, 7, 0)
     status = Status.IDENTIFIED if answer.attitude else Status.NO_MATCH
-    result = FrameResult(panorama, status, "", "external", attitude=answer.attitude, given=Given(answer))
+    result = result_of(Made(panorama, status, "", "external", attitude=answer.attitude, given=Given(answer)))
     session = Sent([message])
     expected.compare(result, session)
     expected.finish(session)

@@ -5,12 +5,11 @@ import threading
 import numpy as np
 import pytest
 from devices.patience import PATIENCE_S
-from skies.one_by_one import add_frame
+from skies.one_by_one import add_frame, results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.sessions.forecast import Forecast, forecast_text, snapshot
-from gse.station.frame_results import NewResults
 
 
 def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
@@ -56,7 +55,7 @@ def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
     forecast = Forecast()
     try:
         for _ in range(3):
-            forecast.on_results(NewResults.of([frame]), session)
+            forecast.on_results(results_of([frame]), session)
         pause = threading.Event()
         for _ in range(round(20 * PATIENCE_S)):
             if forecast.metrics:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 from devices.command_line import runner
-from skies.known_nights import session
+from skies.known_nights import NONE, START_NS, frame, session, unanswered
+from skies.one_by_one import results_of
 
 from drivers.outside_text import is_plain
 from gse import instant
@@ -17,10 +18,7 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.sessions.status_document import read_status
 from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, session_folders
-from gse.station.frame_results import NewResults
-from gse.station.frame_table import STATUSES
 from gse.station.notes import Notes
-from gse.station.results import Status
 
 
 @pytest.fixture
@@ -48,17 +46,17 @@ def test_the_status_is_renewed_until_the_session_has_ended(folder: Path) -> None
 
 
 def test_the_last_answer_is_the_latest_of_its_block_and_stays_while_none_comes(folder: Path) -> None:
-    made = session(30, step_s=1.0)
+    made = session(0)
     made.link.frames_lost = 4
-    rows = made.frames.columns.rows()
-    rows["status"][25:] = STATUSES.index(Status.NO_MATCH)
+    answered = [frame(START_NS + k * instant.NS_PER_S, k, NONE) for k in range(25)]
+    results = results_of([*answered, *(unanswered(k) for k in range(25, 30))])
     status_file = StatusFile(folder, made.station, Notes())
-    for block in (rows[:20], rows[20:28], rows[28:]):
-        status_file.on_results(NewResults([], block), made)
+    for begin, end in ((0, 20), (20, 28), (28, 30)):
+        status_file.on_results(results.part(begin, end), made)
     status_file.close(5)
     status = read_status(folder)
     assert status is not None
-    assert status["last_answer_utc"] == instant.to_text(int(rows["host_utc_ns"][24]), 1)
+    assert status["last_answer_utc"] == instant.to_text(answered[24].panorama.host_utc_ns, 1)
     assert (status["frames"], status["frames_lost"]) == (30, 4)
     assert status["identified"] == round(25 / 30, 4)
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from skies.one_by_one import Made
 
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
@@ -12,7 +13,7 @@ from gse.instant import NS_PER_S
 from gse.panorama import Panorama
 from gse.station.camera_watch import CameraWatch, _in_words
 from gse.station.event_kinds import StationKind
-from gse.station.results import FrameResult, Status
+from gse.station.results import Status
 
 TRUE = Camera(1024, 1024, 4300.0, (511.5, 511.5))
 STATED = replace(TRUE, focal_length_px=1.03 * 4300.0)
@@ -31,7 +32,7 @@ def stars_px(catalog):
 
 def seen(stars_px, at_s, status=Status.NO_MATCH):
     panorama = Panorama(round(at_s * NS_PER_S), stars_px, np.linspace(4000, 300, len(stars_px)))
-    return FrameResult(panorama, status, "", "neighbour")
+    return Made(panorama, status, "", "neighbour")
 
 
 def look(watch, result):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from skies.made_frames import FIELD_14_DEG
+from skies.one_by_one import Light, lights_of
 
 from gse.attitude import Attitude
 from gse.catalog import load_catalog
@@ -26,8 +27,7 @@ from gse.station.external_result import (
     geometric_of,
     has_roll,
     identification_of,
-    matches_of,
-    results_of,
+    residuals_of,
     status_of,
     with_roll,
 )
@@ -35,7 +35,7 @@ from gse.station.frame_processor import FrameProcessor
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.identified import Identified
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, Starlight, Starlights, Status
+from gse.station.results import AnswerCheck, Status
 from gse.truth import EarthOrientation, SiderealTruth
 
 ARCSEC = math.pi / 648_000
@@ -59,15 +59,12 @@ def test_residuals_are_measured_less_catalogue_places_in_arcsec(catalog):
     found, seen = found_of(catalog)
     off = np.array([[10.0, -20.0], [0.0, 0.0], [3.0, 4.0], [-60.0, 1.0], [0.5, 0.0]])
     seen[:, :2] += off * ARCSEC
-    matches = matches_of(found, catalog, ATTITUDE, seen, None, UTC_NS)
-    assert matches.residuals_arcsec == pytest.approx(off, abs=1e-6)
-    assert matches.stars.tolist() == found.stars.tolist()
-    assert matches.name_of(int(found.stars[0])) == catalog.name(int(found.stars[0]))
+    assert residuals_of(found, catalog, ATTITUDE, seen, None, UTC_NS) == pytest.approx(off, abs=1e-6)
 
 
 def test_an_answer_that_names_no_star_has_no_residuals(catalog):
     none = Identification(np.arange(0), np.arange(0), math.nan)
-    assert len(matches_of(none, catalog, ATTITUDE, np.zeros((0, 3)), None, UTC_NS)) == 0
+    assert residuals_of(none, catalog, ATTITUDE, np.zeros((0, 3)), None, UTC_NS).shape == (0, 2)
 
 
 def test_residuals_under_a_truth_are_free_of_aberration_and_air(catalog):
@@ -77,8 +74,8 @@ def test_residuals_under_a_truth_are_free_of_aberration_and_air(catalog):
     apparent = truth.apparent(catalog.icrs[stars], UTC_NS) @ true.icrs_to_sensor.T
     seen = truth.refraction.added(apparent, true.icrs_to_sensor @ truth.icrs_to_horizon(UTC_NS)[2])
     found = Identification(np.arange(5), stars, math.nan)
-    assert np.abs(matches_of(found, catalog, true, seen, truth, UTC_NS).residuals_arcsec).max() < 0.05
-    assert np.abs(matches_of(found, catalog, true, seen, None, UTC_NS).residuals_arcsec).max() > 20
+    assert np.abs(residuals_of(found, catalog, true, seen, truth, UTC_NS)).max() < 0.05
+    assert np.abs(residuals_of(found, catalog, true, seen, None, UTC_NS)).max() > 20
     raw = Attitude.from_angles(true.ra_deg, true.de_deg, true.roll_deg)
     moved = geometric_of(raw, seen, truth, UTC_NS)
     assert np.degrees(np.arccos(moved.boresight_icrs @ raw.boresight_icrs)) * 3600 > 20  # by air and aberration
@@ -229,7 +226,7 @@ def identified_of(catalog, *given, panoramas=None):
     identifier = ExternalIdentifier(catalog, Timed(*given))
     panoramas = panoramas or Panoramas.of([made_panorama(number) for number in range(3)])
     answers, attitudes, elapsed_us, by_panorama = answers_of(identifier, panoramas, {1: FAULT})
-    light = Starlights.of([Starlight(k, 14.0 + k, 5.0, 100.0) for k in range(3)])
+    light = lights_of([Light(k, 14.0 + k, 5.0, 100.0) for k in range(3)])
     checks = [ANSWER_CHECKS.index(one) for one in (AnswerCheck.FALSE, AnswerCheck.UNKNOWN, AnswerCheck.ABSENT)]
     identified = Identified(
         FIELD_14_DEG.directions(panoramas.xy_px),
@@ -245,21 +242,27 @@ def identified_of(catalog, *given, panoramas=None):
     return identifier, panoramas, identified
 
 
+def results_of(identifier, panoramas, identified, elapsed_us, truth, mount):
+    hot = NonStellarObjects(FIELD_14_DEG, SITE)
+    processor = FrameProcessor(FIELD_14_DEG, 4096, identifier, None, hot, truth, mount)
+    return processor.conclude(panoramas, identified, np.array(elapsed_us))
+
+
 def test_results_of_an_answer_a_fault_and_no_answer_say_what_each_is(catalog):
     given = Given(answer_of(catalog, [3, 8], [0, 2]), 42.0), Given(no_answer(), 7.0)
     identifier, panoramas, identified = identified_of(catalog, *given)
     one, fault, none = results_of(identifier, panoramas, identified, [42.0, math.nan, 7.0], None, None)
     assert (one.status, one.detail, one.identifier) == (Status.IDENTIFIED, "", "external")
-    assert (one.elapsed_us, one.answer_check, one.light.stars, one.has_roll) == (42.0, AnswerCheck.FALSE, 0, True)
+    assert (one.elapsed_us, one.answer_check, one.row["stars_seen"], one.has_roll) == (42.0, AnswerCheck.FALSE, 0, True)
     assert one.given is given[0]
     assert one.attitude.icrs_to_sensor.tolist() == ATTITUDE.icrs_to_sensor.tolist()
     assert (one.attitude_geometric, one.attitude_true, one.attitude_error) == (None, None, None)
     assert [(match.object, match.star) for match in one.matches] == [(0, catalog.name(3)), (2, catalog.name(8))]
     assert (fault.status, fault.detail) == (Status.SENSOR_FAULT, "the sensor reports detector fault")
-    assert (fault.identification, fault.elapsed_us, fault.given) == (None, None, None)
+    assert (fault.attitude, fault.elapsed_us, fault.given) == (None, None, None)
     assert (none.status, none.detail, none.elapsed_us) == (Status.TOO_FEW, "TOO_FEW: two objects", 7.0)
-    assert (none.identification, none.attitude, none.given) == (None, None, given[1])
-    assert (none.answer_check, none.light.zero_point_mag, none.has_roll) == (AnswerCheck.ABSENT, 16.0, True)
+    assert (none.attitude, none.given) == (None, given[1])
+    assert (none.answer_check, none.row["zero_point_mag"], none.has_roll) == (AnswerCheck.ABSENT, 16.0, True)
     assert [len(result.matches) for result in (fault, none)] == [0, 0]
 
 
@@ -274,7 +277,8 @@ def test_objects_of_a_result_are_those_of_its_own_panorama(catalog):
     offset = np.column_stack([PLACES[1:] - 511.5, np.full(2, FIELD_14_DEG.focal_length_px)])
     seen = offset / np.sqrt((offset**2).sum(axis=1))[:, None]
     expected = (seen - catalog.icrs[stars] @ ATTITUDE.icrs_to_sensor.T)[:, :2] / ARCSEC
-    assert found.matches.residuals_arcsec == pytest.approx(expected, abs=1e-6)
+    residuals = [(match.residual_x_arcsec, match.residual_y_arcsec) for match in found.matches]
+    assert np.array(residuals) == pytest.approx(expected, abs=1e-6)
 
 
 class StillSky:

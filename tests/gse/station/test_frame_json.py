@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, frame, unanswered
+from skies.one_by_one import Stars, result_of
 
 from gse.attitude import Attitude
 from gse.identifier import Identification
 from gse.station.frame_json import frame_json
-from gse.station.results import AttitudeError, Matches
+from gse.station.results import AttitudeError
 
 ERROR = AttitudeError(1.23456, -2.34567, 345.67891, 1.0, 2.0)
 ATTITUDE = Attitude.from_angles(123.456789312, -45.678901234, 12.345678901)
@@ -17,11 +18,11 @@ ATTITUDE = Attitude.from_angles(123.456789312, -45.678901234, 12.345678901)
 
 def made(**changes):
     result = frame(START_NS, 7, ERROR, matches=((10.0, 20.0, 3.0, 4.0), (30.0, 40.0, 0.004, 0.0)))
-    matches = Matches(np.array([0, 1]), np.array([5, 9]), np.array([[3.0, 4.0], [0.126, 0.0]]), {5: "Vega", 9: "9"}.get)
+    matches = Stars(np.array([0, 1]), np.array([5, 9]), np.array([[3.0, 4.0], [0.126, 0.0]]), {5: "Vega", 9: "9"}.get)
     found = Identification(np.array([0, 1]), np.array([5, 9]), 1.23456e-9)
-    return frame_json(
-        replace(result, attitude=ATTITUDE, identification=found, matches=matches, others=((1, "Mars"),), **changes)
-    )
+    others = ((1, "Moon"),)
+    says = replace(result, attitude=ATTITUDE, identification=found, matches=matches, others=others, **changes)
+    return frame_json(result_of(says))
 
 
 def test_every_number_of_an_answer_is_told():
@@ -33,7 +34,7 @@ def test_every_number_of_an_answer_is_told():
     assert (found["d_ra_cosde_arcsec"], found["d_de_arcsec"], found["d_roll_arcsec"]) == (1.235, -2.346, 345.679)
     assert found["answer_check"] == "correct"
     assert [(one["object"], one["residual_arcsec"]) for one in found["matches"]] == [(0, 5.0), (1, 0.13)]
-    assert found["others"] == [{"object": 1, "kind": "Mars"}]
+    assert found["others"] == [{"object": 1, "kind": "Moon"}]
 
 
 def test_an_answer_without_a_roll_has_none_and_no_error_of_it():
@@ -46,6 +47,6 @@ def test_an_answer_without_a_roll_has_none_and_no_error_of_it():
     "name", ["ra_deg", "de_deg", "roll_deg", "chance", "elapsed_us", "d_de_arcsec", "d_roll_arcsec"]
 )
 def test_what_there_is_not_is_null(name):
-    found = frame_json(unanswered(3))
+    found = frame_json(result_of(unanswered(3)))
     assert found[name] is None
     assert (found["status"], found["matches"], found["others"]) == ("NO_MATCH", [], [])

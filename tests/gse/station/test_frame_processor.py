@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, TRUTH
 from skies.made_frames import FIELD_14_DEG
+from skies.one_by_one import attitudes_of, others_of
 
-from gse.attitude import Attitude, Attitudes, paper_mean
+from gse.attitude import Attitude, paper_mean
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.external.answers import ExternalAnswer
@@ -23,7 +24,7 @@ from gse.station.attitude_error import attitude_error
 from gse.station.frame_processor import FrameProcessor
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.identified import Identified
-from gse.station.non_stellar import NonStellarObjects, Others
+from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, MatchColumns, Starlights, Status
 from gse.truth import EarthOrientation, SiderealTruth
 
@@ -190,7 +191,7 @@ def test_positions_without_sense_spoil_their_own_panorama_alone(reference, panor
     assert finite.tolist() == [True] * 25 + [False] * 25 + [True] * 25
     results = made.conclude(panoramas, identified, identified.elapsed_us)
     assert [one.status for one in results] == [Status.IDENTIFIED, Status.SENSOR_FAULT, Status.IDENTIFIED]
-    assert results.rows()["stars_seen"].tolist() == [len(results[0].matches), 0, len(results[2].matches)]
+    assert results.rows["stars_seen"].tolist() == [len(results[0].matches), 0, len(results[2].matches)]
 
 
 # Times, faults and covariances, by hand
@@ -244,7 +245,7 @@ def test_a_fault_of_the_sensor_is_told_whole_and_stands_beside_its_panorama(refe
 def test_the_covariance_of_an_attitude_is_that_of_three_tenths_of_a_pixel(reference, panorama):
     """The inverse of the Fisher information of unit vectors with that noise across each of them."""
     found = result(Turned(reference, 0.0), reference, panorama)
-    seen = FIELD_14_DEG.directions(panorama.xy_px[found.identification.objects])
+    seen = FIELD_14_DEG.directions(panorama.xy_px[[match.object for match in found.matches]])
     information = sum(np.eye(3) - np.outer(one, one) for one in seen)
     expected = (0.3 * FIELD_14_DEG.pixel_rad) ** 2 * np.linalg.inv(information)
     assert found.attitude.covariance_rad2 == pytest.approx(expected, rel=1e-6)
@@ -276,7 +277,7 @@ class Watched:
 
     def name(self, panoramas, directions_sensor, answers, icrs_to_sensor, *, truth_known):
         self.rotations, self.truth_known = icrs_to_sensor, truth_known
-        return Others.of([[]] * len(panoramas))
+        return others_of([[]] * len(panoramas))
 
 
 MOUNT = Mount(azimuth_deg=10.0, altitude_deg=70.0, roll_deg=30.0)
@@ -372,7 +373,7 @@ def test_a_false_answer_within_three_standard_deviations_of_the_lift_is_correct(
         np.zeros((6, 3)),
         np.ones(3, dtype=np.bool_),
         Answers.of([NO_MATCH] * 3),
-        Attitudes.of([Attitude(np.eye(3), np.eye(3))] * 3),
+        attitudes_of([Attitude(np.eye(3), np.eye(3))] * 3),
         np.array([ANSWER_CHECKS.index(one) for one in before], dtype=np.uint8),
         separation_rad,
         Starlights.none(3),
@@ -491,7 +492,7 @@ def test_the_sky_of_an_external_identifier_is_that_of_the_reference_identifier_w
     assert identified.light.stars.tolist() == [25, 2]
     results = made.conclude(panoramas, identified, identified.elapsed_us)
     assert [one.status for one in results] == [Status.IDENTIFIED] * 2
-    assert results.rows()["stars_seen"].tolist() == [25, 2]
+    assert results.rows["stars_seen"].tolist() == [25, 2]
 
 
 def test_stars_as_a_mount_shows_them_through_air_have_no_error(reference):

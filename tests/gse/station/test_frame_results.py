@@ -5,17 +5,18 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
+from skies.one_by_one import Light, Made, Stars, results_of
 
 from gse.attitude import Attitude
-from gse.identifier import Answers, Identification, Reason, Unidentified
+from gse.external.answers import Failure, FailureKind
+from gse.external.identifier import Given
+from gse.identifier import Identification
 from gse.panorama import Panorama
-from gse.station.frame_results import FrameResults, NewResults
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, OTHER, STATUSES
 from gse.station.non_stellar import KINDS
-from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Matches, Starlight, Status
+from gse.station.results import AnswerCheck, AttitudeError, Status
 
 RAW, GEOMETRIC, TRUE = (Attitude.from_angles(10.0 + k, -20.0 + k, 30.0 + k) for k in range(3))
-NO_MATCH = Unidentified(Reason.NO_MATCH, "no star reached Fn = 6")
 ERROR = AttitudeError(1.0, 2.0, 3.0, 4.0, 5.0)
 
 
@@ -46,61 +47,41 @@ def panorama(k, objects):
 
 def identified():
     """Three objects: the first and the last are stars 17 and 4, the middle one is none; star 6 was left out."""
-    return FrameResult(
+    return Made(
         panorama(1, 3),
         Status.IDENTIFIED,
         "",
         "neighbour",
         Identification(np.array([0, 2]), np.array([17, 4]), 1e-9),
         RAW,
-        Matches(np.array([0, 2]), np.array([17, 4]), np.array([[3.0, -4.0], [0.5, 0.25]]), star),
+        Stars(np.array([0, 2]), np.array([17, 4]), np.array([[3.0, -4.0], [0.5, 0.25]]), star),
         150.5,
         GEOMETRIC,
         ERROR,
         TRUE,
         AnswerCheck.CORRECT,
         ((1, "unknown"), (2, "hot pixel")),
-        Matches(np.array([1]), np.array([6]), np.array([[7.0, 8.0]]), star),
-        Starlight(2, 14.5, 5.25, 199.0),
+        Stars(np.array([1]), np.array([6]), np.array([[7.0, 8.0]]), star),
+        Light(2, 14.5, 5.25, 199.0),
     )
 
 
 def without_answer():
-    return FrameResult(panorama(0, 1), Status.NO_MATCH, "no star reached Fn = 6", "neighbour", elapsed_us=0.0)
+    return Made(panorama(0, 1), Status.NO_MATCH, "no star reached Fn = 6", "neighbour", elapsed_us=0.0)
 
 
 def bare():
     """An answer that nothing is known of but its stars and its attitude."""
     named = Identification(np.array([1]), np.array([8]), 0.5)
-    matches = Matches(np.array([1]), np.array([8]), np.array([[-1.0, 2.0]]), other_star)
-    return FrameResult(panorama(2, 2), Status.IDENTIFIED, "", "pivot", named, RAW, matches)
+    matches = Stars(np.array([1]), np.array([8]), np.array([[-1.0, 2.0]]), other_star)
+    return Made(panorama(2, 2), Status.IDENTIFIED, "", "pivot", named, RAW, matches)
 
 
 MADE = [identified(), without_answer(), bare()]
 
 
-def plain(result):
-    """Everything that a result says, as values that can be compared; NaN as a word."""
-    attitudes = result.attitude, result.attitude_geometric, result.attitude_true
-    named = result.identification
-    return (
-        repr(result.panorama.utc_ns),
-        result.status,
-        result.detail,
-        result.identifier,
-        None if named is None else (named.objects.tolist(), named.stars.tolist(), named.false_match_probability),
-        [None if one is None else one.icrs_to_sensor.tolist() for one in attitudes],
-        [list(map(repr, some)) for some in (result.matches, result.left_out)],
-        result.elapsed_us,
-        result.attitude_error,
-        result.answer_check,
-        result.others,
-        repr(result.light),
-    )
-
-
 def column(name):
-    return FrameResults.of(MADE).rows()[name].tolist()
+    return results_of(MADE).rows[name].tolist()
 
 
 COLUMNS = {
@@ -160,20 +141,31 @@ def test_every_column_of_the_frame_table_is_held_above():
     assert set(COLUMNS) == set(FRAME.names)
 
 
-def test_columns_give_back_each_result_whether_it_is_kept_or_made_again():
-    results = FrameResults.of(MADE)
+def angles_of(attitudes):
+    return [None if one is None else round(one.ra_deg, 9) for one in attitudes]
+
+
+def test_a_result_is_a_view_of_its_row():
+    results = results_of(MADE)
     assert len(results) == 3
-    assert [plain(one) for one in results] == [plain(one) for one in MADE]
-    again = replace(results, made=(), answers=Answers.of([MADE[0].identification, NO_MATCH, MADE[2].identification]))
-    # Columns have one identifier and the names of one catalogue: those of the first.
-    bare_of_the_first = replace(MADE[2], identifier="neighbour", matches=replace(MADE[2].matches, name_of=star))
-    assert [plain(one) for one in again] == [plain(one) for one in (*MADE[:2], bare_of_the_first)]
-    assert len(list(again)) == 3
-    assert results[1] is MADE[1]
+    one, none, bare_one = results
+    assert [seen.status for seen in results] == [Status.IDENTIFIED, Status.NO_MATCH, Status.IDENTIFIED]
+    assert [seen.detail for seen in results] == ["", "no star reached Fn = 6", ""]
+    assert [seen.identifier for seen in results] == ["neighbour"] * 3
+    assert [seen.elapsed_us for seen in results] == [150.5, 0.0, None]
+    assert [seen.answer_check for seen in results] == [made.answer_check for made in MADE]
+    assert [seen.false_match_probability for seen in (one, bare_one)] == [1e-9, 0.5]
+    assert angles_of([one.attitude, one.attitude_geometric, one.attitude_true]) == [10.0, 11.0, 12.0]
+    assert angles_of([none.attitude, bare_one.attitude, bare_one.attitude_geometric]) == [None, 10.0, None]
+    assert [seen.attitude_error for seen in results] == [ERROR, None, None]
+    assert [(match.object, match.star) for match in one.matches] == [(0, "star 17"), (2, "star 4")]
+    assert [(match.object, match.star) for match in results.left_out[0]] == [(1, "star 6")]
+    assert (one.others, none.others, none.matches) == (((1, "unknown"), (2, "hot pixel")), (), [])
+    assert [seen.row["frame_no"].tolist() for seen in results] == [[71], [70], [72]]
 
 
-def test_a_result_that_is_made_again_has_the_objects_of_its_own_panorama():
-    seen = [one.panorama for one in replace(FrameResults.of(MADE), made=())]
+def test_a_result_has_the_objects_of_its_own_panorama():
+    seen = [one.panorama for one in results_of(MADE)]
     assert [one.frame_no for one in seen] == [71, 70, 72]
     assert [one.xy_px.tolist() for one in seen] == [one.panorama.xy_px.tolist() for one in MADE]
     assert [len(one.brightness) for one in seen] == [3, 1, 2]
@@ -181,13 +173,13 @@ def test_a_result_that_is_made_again_has_the_objects_of_its_own_panorama():
 
 def test_an_error_of_which_the_roll_alone_is_missing_is_an_error():
     errors = np.array([[1.0, 2.0, math.nan, 4.0, 5.0], *[[math.nan] * 5] * 2])
-    found = replace(FrameResults.of(MADE), made=(), errors_arcsec=errors)
+    found = replace(results_of(MADE), errors_arcsec=errors)
     assert astuple(found[0].attitude_error) == pytest.approx((1.0, 2.0, math.nan, 4.0, 5.0), nan_ok=True)
     assert found[1].attitude_error is None
 
 
 def test_an_answer_without_a_roll_has_none_in_its_row():
-    rows = FrameResults.of([replace(MADE[0], has_roll=False), MADE[0]]).rows()
+    rows = results_of([replace(MADE[0], has_roll=False), MADE[0]]).rows
     assert rows["roll_deg"].tolist() == pytest.approx([math.nan, 30.0], nan_ok=True)
     assert rows["roll_true_deg"].tolist() == pytest.approx([32.0, 32.0])
     assert rows["ra_deg"].tolist() == pytest.approx([10.0, 10.0])
@@ -196,19 +188,19 @@ def test_an_answer_without_a_roll_has_none_in_its_row():
 @pytest.mark.parametrize(("faintest_index", "count"), [(199.0, 1), (200.0, 0), (201.0, 0), (math.inf, 0)])
 def test_a_false_object_is_brighter_than_every_star_that_the_catalogue_lacks(faintest_index, count):
     """The second object of the second panorama, of brightness 200: the first one's are brighter."""
-    seen = replace(MADE[0], light=Starlight(2, 14.5, 5.25, faintest_index))
-    rows = FrameResults.of([MADE[1], seen]).rows()
+    seen = replace(MADE[0], light=Light(2, 14.5, 5.25, faintest_index))
+    rows = results_of([MADE[1], seen]).rows
     assert rows["false_objects"].tolist() == [0, count]
 
 
 def test_hot_pixels_and_planets_are_no_false_objects():
     seen = replace(MADE[0], others=((0, "Jupiter"), (1, "hot pixel"), (2, "hot pixel")))
-    rows = FrameResults.of([seen]).rows()
+    rows = results_of([seen]).rows
     assert (rows["false_objects"].tolist(), rows["hot_pixels"].tolist()) == ([0], [2])
 
 
 def test_rows_of_stars_stand_by_frame_those_that_were_left_out_behind_those_that_were_named():
-    rows = FrameResults.of(MADE).match_rows()
+    rows = results_of(MADE).match_rows()
     assert rows.dtype == MATCH
     assert rows.tolist() == [
         (0, 17, 100.0, 600.0, 3.0, -4.0, 300.0, True),
@@ -219,13 +211,13 @@ def test_rows_of_stars_stand_by_frame_those_that_were_left_out_behind_those_that
 
 
 def test_rows_of_stars_are_those_that_were_named_where_none_was_left_out():
-    rows = FrameResults.of(MADE[1:]).match_rows()
+    rows = results_of(MADE[1:]).match_rows()
     assert rows.tolist() == [(1, 8, 201.0, 701.0, -1.0, 2.0, 200.0, True)]
 
 
 def test_rows_of_other_objects_are_those_that_no_answer_names_each_with_its_kind():
     """Of the second panorama, which has no answer, all of them."""
-    rows = FrameResults.of([replace(MADE[0], others=((1, "hot pixel"),)), *MADE[1:]]).other_rows()
+    rows = results_of([replace(MADE[0], others=((1, "hot pixel"),)), *MADE[1:]]).other_rows()
     assert rows.dtype == OTHER
     hot, unknown = KINDS.index("hot pixel"), KINDS.index("unknown")
     assert rows[rows["frame"] == 0].tolist() == [(0, 101.0, 601.0, 200.0, hot)]
@@ -237,15 +229,29 @@ def test_rows_of_other_objects_are_those_that_no_answer_names_each_with_its_kind
     assert int((rows["frame"] == 2).sum()) == len(MADE[2].panorama.brightness) - named
 
 
-def test_new_results_are_a_part_of_the_results_with_their_rows():
-    results = FrameResults.of(MADE)
-    rows = results.rows()
-    some = NewResults(results, rows[1:3], 1)
-    assert (len(some), list(some)) == (2, MADE[1:])
-    assert (some[0], some[1], some[-1]) == (MADE[1], MADE[2], MADE[2])
-    assert some.rows["frame_no"].tolist() == [70, 72]
+def test_rows_are_made_once():
+    results = results_of(MADE)
+    assert results.rows is results.rows
+
+
+def test_a_part_of_results_is_what_they_are_counted_from_its_first():
+    given = [Given(Failure(FailureKind.CRASH, word), 1.0) for word in ("first", "second", "third")]
+    results = results_of([replace(one, given=of_one) for one, of_one in zip(MADE, given, strict=True)])
+    assert results.part(0, 3) is results
+    part = results.part(1, 3)
+    assert len(part) == 2
+    assert repr(part.rows.tolist()) == repr(results.rows[1:].tolist())
+    assert part.match_rows().tolist() == results_of(MADE[1:]).match_rows().tolist()
+    assert part.other_rows().tolist() == results_of(MADE[1:]).other_rows().tolist()
+    assert [one.detail for one in part] == ["no star reached Fn = 6", ""]
+    assert [one.given for one in part] == given[1:]
+    assert [one.status for one in (part[0], part[1], part[-1])] == [Status.NO_MATCH, *[Status.IDENTIFIED] * 2]
     with pytest.raises(IndexError):
-        some[2]
-    assert list(NewResults(results, rows[:2])) == MADE[:2]
-    every = NewResults.of(MADE)
-    assert (list(every), every.rows["frame_no"].tolist()) == (MADE, [71, 70, 72])
+        part[2]
+
+
+def test_a_result_alone_is_a_part_of_one():
+    (alone,) = results_of(MADE)[0].alone
+    assert repr(alone.row.tolist()) == repr(results_of(MADE).rows[:1].tolist())
+    assert (alone.matches, alone.others) == (results_of(MADE)[0].matches, MADE[0].others)
+    assert alone.results.left_out[0] == results_of(MADE).left_out[0]

@@ -4,15 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from skies.one_by_one import add_frame
+from skies.one_by_one import Light, Made, Stars, add_frame, results_of
 from skies.synthetic_night import synthetic_frames
 
 from gse.identifier import Identification
 from gse.panorama import Panorama
 from gse.station import frame_table
-from gse.station.frame_results import FrameResults
 from gse.station.frame_table import FRAME, MATCH, OTHER, FrameTable
-from gse.station.results import FrameResult, Matches, Starlight, Status
+from gse.station.results import Status
 
 
 def test_every_frame_and_every_match_of_a_short_night_is_kept():
@@ -27,18 +26,18 @@ def test_every_frame_and_every_match_of_a_short_night_is_kept():
 def test_objects_are_counted_up_to_255():
     counts = [0, 7, 255, 300]
     made = [Panorama(k, np.full((count, 2), 9.0), np.ones(count)) for k, count in enumerate(counts)]
-    results = FrameResults.of([FrameResult(one, Status.NO_MATCH, "", "neighbour") for one in made])
-    assert results.rows()["objects"].tolist() == [0, 7, 255, 255]
-    assert results.rows()["stars_seen"].tolist() == results.rows()["matched"].tolist() == [0, 0, 0, 0]
+    results = results_of([Made(one, Status.NO_MATCH, "", "neighbour") for one in made])
+    assert results.rows["objects"].tolist() == [0, 7, 255, 255]
+    assert results.rows["stars_seen"].tolist() == results.rows["matched"].tolist() == [0, 0, 0, 0]
 
 
 def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fewer():
     frame = next(iter(synthetic_frames(1, trouble=False)))
     table = FrameTable()
     count = 2 * frame_table.MOST_MATCHES // len(frame.matches)
-    hundred = FrameResults.of([frame] * 100)
+    hundred = results_of([frame] * 100)
     for _ in range(count // 100):
-        table.extend(hundred.rows(), hundred.match_rows())
+        table.extend(hundred.rows, hundred.match_rows())
     kept = np.unique(table.matches["frame"])
     assert len(table) == count // 100 * 100
     assert frame_table.MOST_MATCHES / 4 < len(table.matches) <= frame_table.MOST_MATCHES
@@ -48,12 +47,10 @@ def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fe
 
 @pytest.mark.parametrize("elapsed_us", [None, 0.0, 150.5])
 def test_the_time_that_an_answer_took_is_kept_and_that_of_none_is_none(elapsed_us):
-    made = FrameResult(
-        Panorama(1, np.zeros((2, 2)), np.ones(2)), Status.NO_MATCH, "", "neighbour", elapsed_us=elapsed_us
-    )
-    results = FrameResults.of([made])
+    made = Made(Panorama(1, np.zeros((2, 2)), np.ones(2)), Status.NO_MATCH, "", "neighbour", elapsed_us=elapsed_us)
+    results = results_of([made])
     assert results[0].elapsed_us == elapsed_us
-    assert results.rows()["elapsed_us"] == pytest.approx([math.nan if elapsed_us is None else elapsed_us], nan_ok=True)
+    assert results.rows["elapsed_us"] == pytest.approx([math.nan if elapsed_us is None else elapsed_us], nan_ok=True)
 
 
 def test_named_stars_and_stars_seen_are_counted_up_to_255():
@@ -61,10 +58,10 @@ def test_named_stars_and_stars_seen_are_counted_up_to_255():
     for k, count in enumerate([3, 255, 300]):
         panorama = Panorama(k, np.full((count, 2), 9.0), np.ones(count))
         every = np.arange(count)
-        named, matches = Identification(every, every, 1e-9), Matches(every, every, np.zeros((count, 2)), str)
-        light = Starlight(count, 14.5, 5.5, 80.0)
-        made.append(FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", named, matches=matches, light=light))
-    rows = FrameResults.of(made).rows()
+        named, matches = Identification(every, every, 1e-9), Stars(every, every, np.zeros((count, 2)), str)
+        light = Light(count, 14.5, 5.5, 80.0)
+        made.append(Made(panorama, Status.IDENTIFIED, "", "neighbour", named, matches=matches, light=light))
+    rows = results_of(made).rows
     assert rows["stars_seen"].tolist() == rows["matched"].tolist() == [3, 255, 255]
     assert rows["zero_point_mag"].tolist() == [14.5] * 3
     assert rows["limiting_mag"].tolist() == [5.5] * 3
@@ -84,13 +81,13 @@ def rows_of_frames(count):
     return rows
 
 
-def others_of(*frames):
+def rows_of_others(*frames):
     rows = np.zeros(len(frames), OTHER)
     rows["frame"] = frames
     return rows
 
 
-def matches_of(*frames):
+def rows_of_stars(*frames):
     rows = np.zeros(len(frames), MATCH)
     rows["frame"] = frames
     return rows
@@ -102,33 +99,33 @@ def test_a_table_has_room_for_fourteen_hours_at_ten_hertz_from_the_first():
 
 
 def test_a_table_that_is_full_gets_twice_the_room_that_it_needs_and_not_before():
-    table = FrameTable.of(rows_of_frames(1), matches_of())
+    table = FrameTable.of(rows_of_frames(1), rows_of_stars())
     rooms = []
     for number in range(1, 6):
         rooms.append((len(table), table._frames.rows))
-        table.extend(rows_of_frames(number + 1)[number:], matches_of(0))
+        table.extend(rows_of_frames(number + 1)[number:], rows_of_stars(0))
     assert rooms == [(1, 1), (2, 4), (3, 4), (4, 4), (5, 10)]
     assert table.columns["frame_no"].tolist() == [0, 1, 2, 3, 4, 5]
     assert table.matches["frame"].tolist() == [1, 2, 3, 4, 5]
 
 
 def test_a_table_of_given_rows_is_what_they_are_and_takes_more():
-    table = FrameTable.of(rows_of_frames(3), matches_of(0, 2))
+    table = FrameTable.of(rows_of_frames(3), rows_of_stars(0, 2))
     assert (len(table), table.columns["frame_no"].tolist()) == (3, [0, 1, 2])
-    table.extend(rows_of_frames(2), matches_of(0, 1, 1))
+    table.extend(rows_of_frames(2), rows_of_stars(0, 1, 1))
     assert table.columns["frame_no"].tolist() == [0, 1, 2, 0, 1]
     assert table.matches["frame"].tolist() == [0, 2, 3, 4, 4]
 
 
 def test_rows_that_are_filled_by_column_begin_as_nothing():
-    table = FrameTable.with_rows(4, matches_of(3))
+    table = FrameTable.with_rows(4, rows_of_stars(3))
     assert (len(table), table.columns["utc_ns"].tolist(), table.matches["frame"].tolist()) == (4, [0] * 4, [3])
     assert not table._frames.is_on_disk
 
 
 @pytest.mark.parametrize(("count", "on_disk"), [(9, False), (10, False), (11, True)])
 def test_given_rows_lie_on_the_disk_where_they_are_more_than_memory_may_hold(count, on_disk):
-    table = FrameTable.with_rows(count, matches_of(), most_in_memory=10)
+    table = FrameTable.with_rows(count, rows_of_stars(), most_in_memory=10)
     assert table._frames.is_on_disk is on_disk
     assert (len(table), table.columns["frame_no"].tolist()) == (count, [0] * count)
 
@@ -136,7 +133,7 @@ def test_given_rows_lie_on_the_disk_where_they_are_more_than_memory_may_hold(cou
 @pytest.mark.parametrize(("count", "on_disk"), [(0, False), (10, False), (11, True), (12, True)])
 def test_a_table_moves_to_the_disk_at_once_where_it_holds_more_than_memory_may(count, on_disk):
     table = FrameTable()
-    table.extend(rows_of_frames(count), matches_of())
+    table.extend(rows_of_frames(count), rows_of_stars())
     table.use_disk(10)
     assert table._frames.is_on_disk is on_disk
     assert table.columns["frame_no"].tolist() == list(range(count))
@@ -147,30 +144,30 @@ def test_a_quarter_of_a_million_matches_are_kept_and_one_more_costs_those_of_eve
     """All of them but the last are of the first frame."""
     table = FrameTable()
     table.extend(rows_of_frames(1), np.zeros(count - 1, MATCH))
-    table.extend(rows_of_frames(1), matches_of(0))
+    table.extend(rows_of_frames(1), rows_of_stars(0))
     assert (len(table), len(table.matches)) == (2, 250_000)
     assert table.matches["frame"][-1] == latest_frame
 
 
 def test_other_objects_are_thinned_by_themselves_and_pictures_are_of_frames_with_all_of_theirs():
     table, four = FrameTable(), rows_of_frames(4)
-    table.extend(four, matches_of(0, 1, 2, 3), others_of(0, 1, 2, 3))
+    table.extend(four, rows_of_stars(0, 1, 2, 3), rows_of_others(0, 1, 2, 3))
     assert (table.picture_stride, len(table.others)) == (1, 4)
-    table.extend(four, matches_of(0, 1, 2, 3), others_of(*[1] * 250_000, 2))
+    table.extend(four, rows_of_stars(0, 1, 2, 3), rows_of_others(*[1] * 250_000, 2))
     assert (table.picture_stride, table.matches["frame"].tolist()) == (2, [0, 1, 2, 3, 4, 5, 6, 7])
     assert table.others["frame"].tolist() == [0, 2, 6]
     taken = table.snapshot()
-    table.extend(four, matches_of(), others_of(0, 1))
+    table.extend(four, rows_of_stars(), rows_of_others(0, 1))
     assert (len(taken.others), table.others["frame"].tolist()) == (3, [0, 2, 6, 8])
     given = FrameTable.with_rows(8, table.matches, table.others, stride=2)
     assert (given.picture_stride, given.others["frame"].tolist()) == (2, [0, 2, 6, 8])
 
 
 def test_a_snapshot_stays_as_it_was_while_the_table_goes_on():
-    table = FrameTable.of(rows_of_frames(2), matches_of(1))
+    table = FrameTable.of(rows_of_frames(2), rows_of_stars(1))
     taken = table.snapshot()
-    table.extend(rows_of_frames(1), matches_of(0))
+    table.extend(rows_of_frames(1), rows_of_stars(0))
     table.columns["frame_no"] = 9
     assert (len(taken), taken.columns["frame_no"].tolist(), taken.matches["frame"].tolist()) == (2, [0, 1], [1])
-    taken.extend(rows_of_frames(1), matches_of(0))
+    taken.extend(rows_of_frames(1), rows_of_stars(0))
     assert (len(taken), len(table)) == (3, 3)

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from skies.one_by_one import Made, results_of
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.clock import ClockReading
@@ -22,10 +23,10 @@ from gse.panorama import Panorama, Panoramas
 from gse.recording.session_format import RecordedTimings
 from gse.sessions.replay import ReplayOptions
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_results import FrameResults, NewResults
+from gse.station.frame_results import FrameResults
 from gse.station.loop import StationLoop
 from gse.station.reception import Received
-from gse.station.results import FrameResult, OwnAnswer, Status, Subject
+from gse.station.results import OwnAnswer, Status, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
 from gse.truth import EarthOrientation, SiderealTruth
@@ -43,12 +44,12 @@ class Heard:
     def __init__(self) -> None:
         self.told: list[object] = []
 
-    def on_results(self, results: NewResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
         assert len(results), "a sink is told of nothing"
         for result in results:
-            answer = result.identification.stars.tolist() if result.identification else None
-            told = result.panorama.utc_ns, result.status, answer, result.attitude_error, result.answer_check
-            self.told.append((*told, result.others, result.light))
+            stars = [match.star for match in result.matches]
+            told = result.panorama.utc_ns, result.status, stars, result.attitude_error, result.answer_check
+            self.told.append((*told, result.others, int(result.row["stars_seen"][0])))
 
     def on_event(self, event: LinkEvent) -> None:
         self.told.append(event)
@@ -340,8 +341,8 @@ def test_the_mount_of_the_station_file_counts_from_the_first_and_one_to_be_fitte
     for second in range(20):
         attitude = truth.attitude_true(START_NS + second * NS_PER_S, mount)
         panorama = Panorama(START_NS + second * NS_PER_S, np.zeros((0, 2)), np.zeros(0))
-        made = FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude)
-        loop._store(FrameResults.of([made]))
+        made = Made(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude)
+        loop._store(results_of([made]))
     loop._prepare(START_NS + 20 * NS_PER_S - 1)
     assert loop.session.alignment is None
     loop._prepare(START_NS + 20 * NS_PER_S)
@@ -388,7 +389,7 @@ def test_listeners_see_results_in_their_order_with_the_events_that_they_bring_be
     loop, heard = StationLoop(setup), Heard()
 
     def made(panoramas: Panoramas) -> FrameResults:
-        return FrameResults.of([FrameResult(one, Status.NO_MATCH, "", "neighbour") for one in panoramas])
+        return results_of([Made(one, Status.NO_MATCH, "", "neighbour") for one in panoramas])
 
     loop._store(made(empty(0, 1)))
     loop.listeners, loop._result_events = [heard], EventsAt(*places)

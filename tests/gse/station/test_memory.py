@@ -7,13 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from skies.one_by_one import add_frames
+from skies.one_by_one import NO_STARS, Made, add_frames
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.report.plot_data import PlotData
 from gse.station.frame_table import FRAME
-from gse.station.results import NO_MATCHES, FrameResult
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 
@@ -23,13 +22,13 @@ FRAMES = 10_000
 @pytest.fixture(scope="module")
 def session() -> SessionData:
     made = synthetic_night(1000)
-    pattern = [replace(frame, matches=NO_MATCHES) for frame in synthetic_frames(1000)]
+    pattern = [replace(frame, matches=NO_STARS) for frame in synthetic_frames(1000)]
     for first in range(1000, FRAMES, 1000):
         add_frames(made.frames, [at_another_time(frame, first + place) for place, frame in enumerate(pattern)])
     return made
 
 
-def at_another_time(frame: FrameResult, number: int) -> FrameResult:
+def at_another_time(frame: Made, number: int) -> Made:
     utc_ns = START_NS + number * 100_000_000
     stamps = {"utc_ns": utc_ns, "host_utc_ns": utc_ns + 5_000_000, "time_us": number * 100_000, "frame_no": number}
     return replace(frame, panorama=replace(frame.panorama, **stamps))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from skies.one_by_one import add_frame
+from skies.one_by_one import Made, Stars, add_frame
 
 from gse.attitude import Attitude
 from gse.config.edit import with_values
@@ -13,7 +13,7 @@ from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_validated, persistent_arcsec2
-from gse.station.results import AnswerCheck, FrameResult, Matches, Status
+from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
 
@@ -41,7 +41,7 @@ def frames(mount, count, **options):
     for number, (ns, rotation) in enumerate(zip(utc_ns.tolist(), rotations, strict=True)):
         attitude = Attitude(rotation @ TRUTH.icrs_to_horizon(ns), np.zeros((3, 3)))
         panorama = Panorama(ns, np.empty((0, 2)), np.empty(0), number)
-        yield FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude)
+        yield Made(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude)
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
@@ -101,8 +101,8 @@ def test_the_first_seconds_go_on_until_ten_frames_are_identified():
 def test_false_and_unanswered_frames_enter_no_fit():
     measured = MeasuredMounts()
     (result,) = frames(MOUNTS[0], 1)
-    measured.add(FrameResult(result.panorama, Status.NO_MATCH, "", "neighbour"), TRUTH)
-    false = FrameResult(
+    measured.add(Made(result.panorama, Status.NO_MATCH, "", "neighbour"), TRUTH)
+    false = Made(
         result.panorama,
         Status.IDENTIFIED,
         "",
@@ -202,9 +202,9 @@ def starry_session(rng, catalogue_arcsec):
     rows = np.arange(25)
     for number in range(300):
         errors = wrong + rng.normal(0, 5, (25, 2))
-        matches = Matches(rows, rows, errors - errors.mean(axis=0), str)
+        matches = Stars(rows, rows, errors - errors.mean(axis=0), str)
         panorama = Panorama(START_NS + number * NS_PER_S, xy_px, np.ones(25), number)
-        add_frame(session.frames, FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", matches=matches))
+        add_frame(session.frames, Made(panorama, Status.IDENTIFIED, "", "neighbour", matches=matches))
     return session
 
 
@@ -221,7 +221,7 @@ def measured_at(after_ns, rotations):
     for ns, rotation in zip(after_ns, rotations, strict=True):
         attitude = Attitude(rotation @ TRUTH.icrs_to_horizon(START_NS + ns), np.zeros((3, 3)))
         panorama = Panorama(START_NS + ns, np.empty((0, 2)), np.empty(0))
-        measured.add(FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude), TRUTH)
+        measured.add(Made(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude), TRUTH)
     return measured
 
 

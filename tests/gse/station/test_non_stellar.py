@@ -6,6 +6,7 @@ import pytest
 from astropy.coordinates import EarthLocation, get_body
 from astropy.time import Time
 from astropy.utils import iers
+from skies.one_by_one import others_of
 
 from gse.attitude import Attitude
 from gse.camera import Camera
@@ -13,7 +14,7 @@ from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.instant import NS_PER_S, from_text
 from gse.panorama import Panorama, Panoramas
 from gse.site import Site
-from gse.station.non_stellar import HOT_PIXEL, MAX_REMEMBERED, UNKNOWN, NonStellarObjects, Others, _Sightings
+from gse.station.non_stellar import HOT_PIXEL, MAX_REMEMBERED, UNKNOWN, NonStellarObjects, _Sightings
 from gse.truth.solar_system import BODIES, bodies_icrs
 
 CAMERA = Camera(1024, 1024, 4170.0, (511.5, 511.5))
@@ -230,7 +231,7 @@ def place_of(body, attitude, second=0.0):
 
 
 def test_counts_are_of_one_kind_for_each_panorama():
-    others = Others.of([[(0, HOT_PIXEL), (3, UNKNOWN), (4, HOT_PIXEL)], [], [(1, "Moon"), (2, HOT_PIXEL)]])
+    others = others_of([[(0, HOT_PIXEL), (3, UNKNOWN), (4, HOT_PIXEL)], [], [(1, "Moon"), (2, HOT_PIXEL)]])
     assert others.count(HOT_PIXEL).tolist() == [2, 0, 1]
     assert others.count("Moon").tolist() == [0, 0, 1]
     assert others.count(HOT_PIXEL, np.array([True, True, False, True, False])).tolist() == [1, 0, 0]
@@ -330,7 +331,7 @@ def test_a_planet_on_the_other_side_of_the_equator_is_in_the_field_too():
 
 
 def test_counts_have_a_place_for_panoramas_without_objects_at_the_end():
-    assert Others.of([[(0, HOT_PIXEL)], [], []]).count(HOT_PIXEL).tolist() == [1, 0, 0]
+    assert others_of([[(0, HOT_PIXEL)], [], []]).count(HOT_PIXEL).tolist() == [1, 0, 0]
 
 
 @pytest.mark.parametrize(("off", "kind"), [(0.6, HOT_PIXEL), (0.6001, UNKNOWN)])

@@ -40,7 +40,8 @@ def errorless(mount, *, corrected=False):
 def result_of(message, truth, mount, convention=AS_BUILT_IN):
     processor = OwnAnswerProcessor(convention, CAMERA)
     answer = OwnAnswer(message, START_NS + 5, START_NS, 9)
-    return processor.result(OwnAnswerProcessor.panorama(answer), message, truth, mount)
+    (result,) = processor.results(OwnAnswerProcessor.panorama(answer), message, truth, mount)
+    return result
 
 
 def apart_arcsec(one, other):

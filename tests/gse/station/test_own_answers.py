@@ -224,7 +224,7 @@ def test_an_answer_that_cannot_be_is_a_fault_of_the_sensor_and_one_that_it_does_
     message = AttitudeMessage(7, *[np.nan] * 3, frame_no=3, matched=0, state=state, latency_s=0.1, problems=problems)
     processor = OwnAnswerProcessor(AttitudeConvention(), STATION.sensor.camera())
     answer = OwnAnswer(message, START_NS + 5, START_NS, 9)
-    result = processor.result(OwnAnswerProcessor.panorama(answer), message, None, None)
+    (result,) = processor.results(OwnAnswerProcessor.panorama(answer), message, None, None)
     assert result.status is status
     assert result.detail.startswith(detail)
     assert result.attitude is None

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION
-from skies.one_by_one import add_frame
+from skies.one_by_one import Made, add_frame, results_of
 
 from drivers.chunk import LinkEvent
 from gse.config.station import BUILT_IN_TEXT
@@ -15,9 +15,8 @@ from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.instant import NS_PER_S
 from gse.mount import InertialDirection, Mount
 from gse.panorama import Panorama
-from gse.station.frame_results import FrameResults
 from gse.station.result_events import ResultEvents
-from gse.station.results import FrameResult, Status
+from gse.station.results import Status
 from gse.station.session_data import SessionData
 
 FOUND = Identification(np.arange(0), np.arange(0), 1e-9)
@@ -53,18 +52,18 @@ def event(kind):
     return LinkEvent(START_NS, 0, kind, "")
 
 
-def results_of(count, session, *, reasons=(), failed=None):
+def stored(count, session, *, reasons=(), failed=None):
     """Results of ``count`` panoramas, stored after those that the session has; none is answered for ``reasons``."""
     first, made = len(session.frames), []
     for number in range(first, first + count):
         panorama = Panorama(START_NS + number * NS_PER_S, np.empty((0, 2)), np.empty(0), number)
-        made.append(FrameResult(panorama, Status.NO_MATCH, "", "neighbour"))
+        made.append(Made(panorama, Status.NO_MATCH, "", "neighbour"))
         if failed is not None:
             fault = Failure(FailureKind.CRASH, "it ended") if number - first == failed else None
             made[-1] = replace(made[-1], given=Given(fault or object(), 1.0))
         add_frame(session.frames, made[-1])
     answers = [dict(reasons).get(place, FOUND) for place in range(count)]
-    return replace(FrameResults.of(made), answers=Answers.of(answers), made=tuple(made) if failed is not None else ())
+    return replace(results_of(made), answers=Answers.of(answers))
 
 
 @pytest.fixture
@@ -73,9 +72,9 @@ def session():
 
 
 def test_events_stand_before_the_results_that_bring_them_in_their_order(session):
-    results_of(4, session)
+    stored(4, session)
     mirrored = Unidentified(Reason.MIRRORED, "once flipped, it fits")
-    results = results_of(5, session, reasons={3: mirrored, 2: Unidentified(Reason.NO_MATCH, "")}.items())
+    results = stored(5, session, reasons={3: mirrored, 2: Unidentified(Reason.NO_MATCH, "")}.items())
     found = ResultEvents(Sky(1, 4, 8), Camera(at=2)).of(results, session, 4)
     assert [(place, one.kind) for place, one in found] == [
         (0, "CLEAR"),
@@ -91,7 +90,7 @@ def test_events_stand_before_the_results_that_bring_them_in_their_order(session)
 
 
 def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
-    results = results_of(3, session, failed=1)
+    results = stored(3, session, failed=1)
     ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 0)
     assert (place, told.kind, told.utc_ns) == (1, "IDENTIFIER_FAULT", START_NS + NS_PER_S)
     assert (told.text, told.mono_ns) == ("CRASH at frame 1: it ended", 0)
@@ -100,20 +99,20 @@ def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
 
 def test_a_program_that_is_given_up_is_told_once_with_the_first_frame_without_an_answer(session):
     given_up = Given(Failure(FailureKind.GIVEN_UP, "it failed too often"), 1.0)
-    results = results_of(3, session, failed=0)
-    results = replace(results, made=tuple(replace(one, given=given_up) for one in results.made))
+    results = stored(3, session, failed=0)
+    results = replace(results, given=dict.fromkeys(range(3), given_up))
     ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 0)
     assert (place, told.kind) == (0, "IDENTIFIER_GIVEN_UP")
     assert told.text == "no answer from frame 0 on: it failed too often"
     assert session.external_counts.failures["GIVEN_UP"] == 3
-    more = results_of(2, session, failed=0)
-    more = replace(more, made=tuple(replace(one, given=given_up) for one in more.made))
+    more = stored(2, session, failed=0)
+    more = replace(more, given=dict.fromkeys(range(2), given_up))
     assert list(ResultEvents(Sky(), Camera()).of(more, session, 3)) == []
 
 
 @pytest.mark.parametrize(("end", "kinds"), [("", ["NO_STARS"]), ("it is wrong", ["WRONG_CAMERA", "NO_STARS"])])
 def test_at_the_end_the_camera_and_the_sky_have_their_say(session, end, kinds):
-    results_of(3, session)
+    stored(3, session)
     told = ResultEvents(Sky(), Camera(end=end)).finish(session)
     assert [one.kind for one in told] == kinds
     assert [(one.utc_ns, one.mono_ns, one.text) for one in told if one.kind == "WRONG_CAMERA"] == (
@@ -126,6 +125,6 @@ def test_before_a_star_simulator_there_is_no_sky(session):
     shown = STATION.model_copy(update={"mount": mount})
     simulated = SessionData(shown, BUILT_IN_TEXT, "panorama-v1")
     for of, places in ((session, [0, 0]), (simulated, [])):
-        results = results_of(2, of)
+        results = stored(2, of)
         assert [place for place, _ in ResultEvents(Sky(0), Camera()).of(results, of, 0)] == places
         assert len(ResultEvents(Sky(), Camera()).finish(of)) == len(places) // 2

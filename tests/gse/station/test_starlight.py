@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from skies.one_by_one import DARK, Light, lights_of
 
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.parts import Parts
-from gse.station.results import NO_STARLIGHT, Starlight, Starlights
 from gse.station.sky_condition import Lights, SkyEvidence, glared
 from gse.station.starlight import _medians, rows_of, starlights
 
@@ -47,8 +47,8 @@ def test_the_moon_glares_until_ten_degrees_beyond_the_edge_of_the_field(altitude
 
 
 def test_the_light_of_panoramas_one_by_one_is_that_of_all_of_them():
-    lights = [Starlight(7, 14.5, 5.5, 30.0), NO_STARLIGHT, Starlight(9, 13.5, 4.5, 40.0)]
-    made = Starlights.of(lights)
+    lights = [Light(7, 14.5, 5.5, 30.0), DARK, Light(9, 13.5, 4.5, 40.0)]
+    made = lights_of(lights)
     assert (made.stars.tolist(), made.faintest_index.tolist()) == ([7, 0, 9], [30.0, math.inf, 40.0])
     assert made.zero_point_mag == pytest.approx([14.5, math.nan, 13.5], nan_ok=True)
     assert made.limiting_mag == pytest.approx([5.5, math.nan, 4.5], nan_ok=True)

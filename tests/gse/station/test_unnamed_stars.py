@@ -64,7 +64,7 @@ def test_an_object_at_the_place_of_a_star_is_that_star(stars):
     px[3] += [0.0, 2.0]
     px[5] += [20.0, 0.0]
     named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(
+    found = LeftOutStars(FIELD_14_DEG, stars).of(
         objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
     )
     assert found.objects.tolist() == [3, 4, *range(6, len(rows))]
@@ -78,7 +78,7 @@ def test_of_two_objects_at_one_star_the_nearer_is_the_star_and_a_named_star_is_n
     offset_px = np.array([[0, 0], [0, 0], [0, 0], [1.5, 0], [0.5, 0], [1, 0]])
     px = FIELD_14_DEG.pixels(exact[[0, 1, 2, 3, 3, 0]]) + offset_px
     named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(
+    found = LeftOutStars(FIELD_14_DEG, stars).of(
         objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
     )
     assert (found.objects.tolist(), found.stars.tolist()) == ([4], [rows[3]])
@@ -94,7 +94,10 @@ def test_what_one_panorama_names_is_free_in_another_and_the_last_stars_of_the_ca
     seen = objects_of([exact, np.concatenate([exact, beside])])
     found = LeftOutStars(FIELD_14_DEG, few).of(seen, Answers.of(named), frames(2))
     everything = set(range(len(rows)))
-    assert [set(one.stars.tolist()) for one in found] == [everything - {0, 1, 2}, everything - {3, 4, 5}]
+    assert [set(found.part(k, k + 1).stars.tolist()) for k in range(2)] == [
+        everything - {0, 1, 2},
+        everything - {3, 4, 5},
+    ]
 
 
 def replace_rows(stars, rows):
@@ -114,7 +117,7 @@ def test_air_biases_the_stars_that_the_neighbour_technique_names_but_not_all_tha
     left_out = LeftOutStars(FIELD_14_DEG, stars).of(objects_of(seen), named, frames(FRAMES))
     whole = [
         _scale(one, np.append(answer.objects, rest.objects), np.append(answer.stars, rest.stars), stars)
-        for one, answer, rest in zip(seen, named, left_out, strict=True)
+        for one, answer, rest in zip(seen, named, (left_out.part(k, k + 1) for k in range(len(seen))), strict=True)
     ]
     assert 512 * (np.mean(chosen) - 1) > 0.04  # px at the edge of the field
     assert abs(512 * (np.mean(whole) - 1)) < 0.02
@@ -146,14 +149,14 @@ def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
     seen = truth.refraction.added(apparent[rows], looking @ zenith_icrs)
     known = SolvedFrames(looking[None], looking[None], truth, np.array([utc_ns]), to_horizon[None])
     named = Identification(np.array([0]), rows[:1], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), known)
+    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), known)
     assert found.stars.tolist() == rows[1:].tolist()
     assert np.abs(found.residuals_arcsec).max() < 0.01
     twice = seen[[0, 0]]  # a second object at the place of the one star, which has its name already
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([twice]), Answers.of([named]), known)
-    assert len(found) == 0
+    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([twice]), Answers.of([named]), known)
+    assert len(found.stars) == 0
     unknown = replace(known, truth=None, icrs_to_horizon=None)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), unknown)
+    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), unknown)
     assert np.abs(found.residuals_arcsec).max() > 10
 
 
@@ -213,7 +216,7 @@ def test_an_object_within_four_pixels_of_the_place_of_a_star_is_it(stars, off_px
     centre_px = px[3] - 511.5
     px[3] += off_px * np.array([-centre_px[1], centre_px[0]]) / np.hypot(*centre_px)
     named = Identification(np.arange(3), rows[:3], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(
+    found = LeftOutStars(FIELD_14_DEG, stars).of(
         objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
     )
     assert found.stars.tolist() == ([rows[3]] if is_found else [])
@@ -224,8 +227,8 @@ def test_a_panorama_without_an_answer_leaves_out_no_star_and_those_beside_it_kee
     named = Identification(np.arange(3), rows[:3], 1e-9)
     answers = Answers.of([Unidentified(Reason.NO_MATCH, ""), named, Unidentified(Reason.NO_MATCH, ""), named])
     found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact, exact[:4], exact, exact[:5]]), answers, frames(2))
-    assert [one.objects.tolist() for one in found] == [[], [3], [], [3, 4]]
-    assert [one.stars.tolist() for one in found] == [[], [rows[3]], [], rows[3:5].tolist()]
+    assert [found.part(k, k + 1).objects.tolist() for k in range(4)] == [[], [3], [], [3, 4]]
+    assert [found.part(k, k + 1).stars.tolist() for k in range(4)] == [[], [rows[3]], [], rows[3:5].tolist()]
     assert found.name_of(int(rows[3])) == stars.name(int(rows[3]))
 
 
@@ -237,7 +240,7 @@ def test_before_air_is_taken_off_a_star_is_sought_within_eight_pixels_of_its_pla
     for off_px in (7.0, 9.0):
         lift = Rotation.from_rotvec([off_px * FIELD_14_DEG.pixel_rad, 0.0, 0.0]).as_matrix()
         lifted = replace(frames(1), raw=(lift @ LOOKING)[None])
-        (one,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:4]]), Answers.of([named]), lifted)
+        one = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:4]]), Answers.of([named]), lifted)
         found.append(one.stars.tolist())
     assert found == [[rows[3]], []]
 
@@ -245,5 +248,5 @@ def test_before_air_is_taken_off_a_star_is_sought_within_eight_pixels_of_its_pla
 def test_an_object_that_bears_a_wrong_name_is_not_found_as_the_star_at_whose_place_it_is(stars):
     rows, exact = shown(stars)
     named = Identification(np.arange(3), rows[3:6], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:3]]), Answers.of([named]), frames(1))
-    assert len(found) == 0
+    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:3]]), Answers.of([named]), frames(1))
+    assert len(found.stars) == 0

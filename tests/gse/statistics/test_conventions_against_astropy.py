@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from astropy.coordinates import FK5, FK4NoETerms, SkyCoord
 from scipy.spatial.transform import Rotation
-from skies.one_by_one import add_frame
+from skies.one_by_one import Made, add_frame
 
 from gse.config.station import parse_station
 from gse.instant import NS_PER_S, from_text
@@ -14,7 +14,7 @@ from gse.selfcheck.astropy_sky import AstropySky
 from gse.selfcheck.made_sensor import mounted
 from gse.selfcheck.made_session import ALTITUDE_DEG, AZIMUTH_DEG, ROLL_DEG, SITE, STATION_TEXT
 from gse.station.own_answers import measured_rotations
-from gse.station.results import FrameResult, Status, Subject
+from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.convention_search import search_convention
 from gse.statistics.sensor_convention import evidence_of
@@ -89,7 +89,7 @@ def framed(utc_ns, frame_no, time_us):
     """The exposure behind an answer, without objects."""
     nothing = np.empty(0)
     panorama = Panorama(utc_ns, nothing.reshape(0, 2), nothing, frame_no, time_us=time_us)
-    return FrameResult(panorama, Status.IDENTIFIED, "", "sensor")
+    return Made(panorama, Status.IDENTIFIED, "", "sensor")
 
 
 @pytest.mark.parametrize("name", SENSORS)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14_s, wrong_objects
 from skies.known_nights import START_NS, STATION, frame, session
-from skies.one_by_one import add_frame
+from skies.one_by_one import Made, add_frame
 
 from gse.assessment.uncounted import missing_by_time, uncounted
 from gse.assessment.verdict import judge
@@ -16,7 +16,7 @@ from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions, parse_exclusion
 from gse.station.frame_table import MATCH
-from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Subject, Verdict
+from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
 from gse.statistics.counted_frames import counted_frames, false_answers
 from gse.statistics.session_statistics import statistics
 
@@ -35,7 +35,7 @@ def appended(made, result, *, utc_ns=None, host_utc_ns=None, time_us=None):
 def no_answer(utc_ns, number, *, objects=0):
     panorama = frame(utc_ns, number, AttitudeError(0, 0, 0, 0, 0)).panorama
     panorama = dataclasses.replace(panorama, xy_px=np.zeros((objects, 2)), brightness=np.ones(objects))
-    return FrameResult(panorama, Status.NO_MATCH if objects else Status.TOO_FEW, "", "neighbour")
+    return Made(panorama, Status.NO_MATCH if objects else Status.TOO_FEW, "", "neighbour")
 
 
 # Answers that nothing confirms

@@ -14,10 +14,10 @@ from devices.browser import Visits, browser
 from devices.patience import PATIENCE_S
 from devices.proxy import Proxy
 from PIL import Image
+from skies.one_by_one import results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
-from gse.station.frame_results import NewResults
 from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.live import LiveView
@@ -45,7 +45,7 @@ def sent_again_and_again(view: LiveView) -> Iterator[None]:
         for event in session.events:
             view.on_event(event)
         for frame in synthetic_frames(FRAMES):
-            view.on_results(NewResults.of([frame]), session)
+            view.on_results(results_of([frame]), session)
         ended.wait()
 
     sender = threading.Thread(target=send)
@@ -122,7 +122,7 @@ def test_the_glance_page_works_through_a_tunnel_with_another_port(visit: Visits)
     session, notes = synthetic_night(20), Notes()
     glance = Glance(session.station)
     for frame in synthetic_frames(20, trouble=False):
-        glance.on_results(NewResults.of([frame]), session)
+        glance.on_results(results_of([frame]), session)
     content = Content(glance=glance, notes=notes)
     with ViewServer("0.0.0.0", 0, content) as server, Proxy(server.port) as tunnel, visit() as seen:
         seen.page.goto(f"http://localhost:{tunnel.port}/")
@@ -143,7 +143,7 @@ def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request
     session = synthetic_night(20)
     glance = Glance(session.station)
     for frame in synthetic_frames(20, trouble=False):
-        glance.on_results(NewResults.of([frame]), session)
+        glance.on_results(results_of([frame]), session)
     with ViewServer("127.0.0.1", 0, Content(glance=glance)) as server, visit() as seen:
         for size, theme in itertools.product(SIZES.values(), THEMES):
             seen.page.goto("about:blank")

@@ -10,6 +10,7 @@ from astropy.time import Time
 from astropy.utils import iers
 from hypothesis import given
 from hypothesis import strategies as st
+from skies.one_by_one import Made, result_of, results_of
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
@@ -19,8 +20,8 @@ from gse.instant import NS_PER_S, to_text
 from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.event_kinds import StationKind
-from gse.station.frame_results import NewResults
-from gse.station.results import FrameResult, Status
+from gse.station.frame_results import FrameResult
+from gse.station.results import Status
 from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth import horizon_to_sensor
 from gse.view.blueprint import _reach
@@ -116,7 +117,7 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
     assert glance.document(clock_at(0))["since_answer_s"] is None
     glance.on_event(LinkEvent(START_NS, 0, LinkKind.STREAMING, "valid frames come"))
     for frame in synthetic_frames(40, trouble=False):
-        glance.on_results(NewResults.of([frame]), session)
+        glance.on_results(results_of([frame]), session)
     assert word(4) == "OK"
     document = glance.document(clock_at(4))
     assert document["frames"] == 20
@@ -140,7 +141,7 @@ def test_a_session_without_an_answer_has_no_last_one_to_its_end() -> None:
     session = synthetic_night(20)
     glance = Glance(session.station)
     for frame in synthetic_frames(40, trouble=False):
-        glance.on_results(NewResults.of([replace(frame, status=Status.TOO_FEW, attitude=None)]), session)
+        glance.on_results(results_of([replace(frame, status=Status.TOO_FEW, attitude=None)]), session)
     glance.absorb(clock_at(4))
     assert glance.document(clock_at(4))["since_answer_s"] is None
     glance.conclude("INCONCLUSIVE", ())
@@ -152,7 +153,7 @@ def test_the_last_page_has_the_time_from_the_last_answer_to_the_last_frame() -> 
     glance = Glance(session.station)
     for number, frame in enumerate(synthetic_frames(40, trouble=False)):
         lacks = {} if number <= 30 else {"status": Status.TOO_FEW, "attitude": None}
-        glance.on_results(NewResults.of([replace(frame, **lacks)]), session)
+        glance.on_results(results_of([replace(frame, **lacks)]), session)
     glance.absorb(clock_at(4))
     glance.conclude("INCONCLUSIVE", ())
     assert glance.document(clock_at(60))["since_answer_s"] == 0.9
@@ -164,7 +165,7 @@ def test_what_nobody_takes_is_dropped_oldest_first_and_the_newest_is_shown() -> 
     (frame,) = synthetic_frames(1)
     for number in range(QUEUE_ITEMS + 100):
         panorama = replace(frame.panorama, utc_ns=START_NS + number * NS_PER_S // 10)
-        glance.on_results(NewResults.of([replace(frame, panorama=panorama)]), session)
+        glance.on_results(results_of([replace(frame, panorama=panorama)]), session)
     glance.absorb(clock_at(0))
     shown = glance.document(clock_at(0))["data_utc"]
     assert shown == to_text(START_NS + (QUEUE_ITEMS + 99) * NS_PER_S // 10, 3)
@@ -184,7 +185,7 @@ def test_a_mount_that_follows_the_arrow_looks_where_the_station_file_says(
         altitude_deg=altitude - up,
         roll_deg=roll + clockwise,
     )
-    turn = mount_turn(result_of(looks, stated), stated, stated)
+    turn = mount_turn(looking(looks, stated), stated, stated)
     assert turn is not None
     bends_deg = 0.35 + abs(right * math.tan(math.radians(altitude)))  # a parallel of altitude is no great circle
     assert turn.across.angle_deg == pytest.approx(right, abs=0.35)
@@ -192,10 +193,10 @@ def test_a_mount_that_follows_the_arrow_looks_where_the_station_file_says(
     assert turn.roll.angle_deg == pytest.approx(clockwise, abs=1.0 + bends_deg)
 
 
-def result_of(looks: Mount, true: Mount) -> FrameResult:
+def looking(looks: Mount, true: Mount) -> FrameResult:
     """A result of a sensor that looks along ``looks``, with horizon axes for ICRS."""
     exact = np.zeros((3, 3))
-    return FrameResult(
+    made = Made(
         Panorama(0, np.zeros((0, 2)), np.zeros(0)),
         Status.IDENTIFIED,
         "",
@@ -203,15 +204,16 @@ def result_of(looks: Mount, true: Mount) -> FrameResult:
         attitude_geometric=Attitude(horizon_to_sensor(looks), exact),
         attitude_true=Attitude(horizon_to_sensor(true), exact),
     )
+    return result_of(made)
 
 
 def test_the_turn_is_told_in_the_words_of_one_who_stands_behind_the_sensor() -> None:
     south = Mount(azimuth_deg=180.0, altitude_deg=45.0)
-    turn = mount_turn(result_of(replace(south, azimuth_deg=181.0, altitude_deg=44.0), south), south, south)
+    turn = mount_turn(looking(replace(south, azimuth_deg=181.0, altitude_deg=44.0), south), south, south)
     assert str(turn).startswith("0.707 deg left (to the east), 1.0")
     assert " deg up" in str(turn)
     zenith = Mount()
-    turn = mount_turn(result_of(Mount(azimuth_deg=90.0, altitude_deg=89.0, roll_deg=270.0), zenith), zenith, zenith)
+    turn = mount_turn(looking(Mount(azimuth_deg=90.0, altitude_deg=89.0, roll_deg=270.0), zenith), zenith, zenith)
     assert str(turn).startswith("1.00 deg west, 0.000 deg")
 
 
@@ -249,7 +251,7 @@ def test_the_minutes_to_dawn_fall_and_are_those_to_the_next_one_after_it() -> No
 
 def test_the_page_gets_angles_and_the_directions_of_positive_ones() -> None:
     stated = Mount(altitude_deg=40.0)
-    turn = mount_turn(result_of(replace(stated, altitude_deg=39.0), stated), stated, stated)
+    turn = mount_turn(looking(replace(stated, altitude_deg=39.0), stated), stated, stated)
     assert turn is not None
     document = turn.document()
     assert (document["up_deg"], document["up"]) == (pytest.approx(1.0, abs=1e-4), "up")

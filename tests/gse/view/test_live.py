@@ -14,10 +14,10 @@ import pytest
 import rerun.error_utils
 from devices.patience import PATIENCE_S
 from devices.rerun_recording import moving, rows_of
+from skies.one_by_one import results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.errors import GseError
-from gse.station.frame_results import NewResults
 from gse.view.live import LiveView
 from gse.view.ports import free_port
 from gse.view.rerun_feed import RerunFeed
@@ -59,7 +59,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
         for event in session.events:
             view.on_event(event)
         for frame in frames:
-            view.on_results(NewResults.of([frame]), session)
+            view.on_results(results_of([frame]), session)
         view.conclude("PASS", ["all limits are kept"])
     rows = rows_of(path)
     assert view.dropped == 0
@@ -73,7 +73,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
 def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
     with RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=10) as view:
-        view.on_results(NewResults.of(frames), session)
+        view.on_results(results_of(frames), session)
     shown = len(moving(rows_of(path)["/d_ra/value"]))
     assert view.dropped > 0
     assert shown + view.dropped == FRAMES
@@ -83,7 +83,7 @@ def test_what_was_dropped_is_told_in_the_panel(frames, session, tmp_path: Path) 
     path = tmp_path / "live.rrd"
     view = RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=5)
     for frame in frames:
-        view.on_results(NewResults.of([frame]), session)
+        view.on_results(results_of([frame]), session)
     view.close()
     assert "not shown here:" in moving(rows_of(path)["/verdict"])[-1]["TextDocument:text"][0]
 
@@ -92,7 +92,7 @@ def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames,
     with LiveView(session.station, mode="web") as view:
         assert view.url.startswith("http://127.0.0.1:")
         for frame in frames:
-            view.on_results(NewResults.of([frame]), session)
+            view.on_results(results_of([frame]), session)
     assert view.dropped == 0
     assert ended_view_threads()
 
@@ -114,8 +114,8 @@ def test_a_view_that_breaks_ends_with_one_line_and_the_session_goes_on(
 ) -> None:
     wrong = replace(frames[0], panorama=replace(frames[0].panorama, xy_px=frames[0].panorama.xy_px[:3]))
     with LiveView(session.station, mode="none") as view:
-        view.on_results(NewResults.of([wrong]), session)
-        view.on_results(NewResults.of([frames[1]]), session)
+        view.on_results(results_of([wrong]), session)
+        view.on_results(results_of([frames[1]]), session)
     (record,) = caplog.records
     assert record.getMessage().startswith("the live view has ended")
     assert record.getMessage().endswith("the session goes on")
@@ -130,11 +130,11 @@ def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
         port = page.port
         for mode in ("native", "web"):
             with LiveView(session.station, mode=mode, port=port) as view:
-                view.on_results(NewResults.of([frames[0]]), session)
+                view.on_results(results_of([frames[0]]), session)
             assert view.url == ""
     for mode in ("native", "web"):
         with LiveView(session.station, mode=mode, bind="192.0.2.1") as view:
-            view.on_results(NewResults.of([frames[0]]), session)
+            view.on_results(results_of([frames[0]]), session)
     native, web, rerun_elsewhere, elsewhere = (record.getMessage() for record in caplog.records)
     assert "no view in rerun: cannot serve on 192.0.2.1" in rerun_elsewhere
     assert "there is no screen for a window here" in native
@@ -156,12 +156,12 @@ def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, session, har
     )
     try:
         for frame in frames[:100]:
-            view.on_results(NewResults.of([frame]), session)
+            view.on_results(results_of([frame]), session)
         wait_until_connected(view.grpc_port)
         viewer.send_signal(harm)
         for _ in range(5):
             for frame in frames:
-                view.on_results(NewResults.of([frame]), session)
+                view.on_results(results_of([frame]), session)
         closer = threading.Thread(target=view.close)
         closer.start()
         closer.join(PATIENCE_S)
@@ -272,10 +272,10 @@ def test_a_page_that_comes_late_gets_the_past_in_one_piece_and_then_only_what_is
         for event in session.events:
             view.on_event(event)
         for frame in frames[:200]:
-            view.on_results(NewResults.of([frame]), session)
+            view.on_results(results_of([frame]), session)
         first, place = wait_for_frames(view, frames[:200], tmp_path / "first.rrd")
         for frame in frames[200:]:
-            view.on_results(NewResults.of([frame]), session)
+            view.on_results(results_of([frame]), session)
         view.conclude("PASS", ["all limits are kept"])
         last, _, utc_ns = piece_of(view, place, tmp_path / "last.rrd", last="1")
         again, place, _ = piece_of(view, "another-recording.7", tmp_path / "again.rrd")
@@ -295,7 +295,7 @@ def test_the_layout_comes_before_all_data_or_else_the_viewer_shows_its_own_and_t
     frames, session, tmp_path: Path
 ) -> None:
     with LiveView(session.station, mode="web", port=free_port("127.0.0.1")) as view:
-        view.on_results(NewResults.of(frames[:20]), session)
+        view.on_results(results_of(frames[:20]), session)
         rows, _ = wait_for_frames(view, frames[:20], tmp_path / "first.rrd")
         for _ in range(12):  # what rerun sends beside it came first in one of five
             piece_of(view, "", tmp_path / "piece.rrd")

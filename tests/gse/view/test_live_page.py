@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 from devices.patience import PATIENCE_S
 from devices.proxy import Proxy
+from skies.one_by_one import results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from gse.station.frame_results import NewResults
 from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
 from gse.view.glance import Glance
 from gse.view.server import _SHOW_VERDICT_S, MOST_BROWSERS, Content, ViewServer
@@ -110,7 +110,7 @@ def test_a_browser_that_falls_asleep_gets_the_newest_document_when_it_asks_again
         socket = await browser(server)
         first = json.loads(str(await socket.read_message()))
         for frame in synthetic_frames(20):
-            glance.on_results(NewResults.of([frame]), session)
+            glance.on_results(results_of([frame]), session)
         others = await documents(server, 3)  # meanwhile another browser gets several
         await socket.write_message("next")
         second = json.loads(str(await socket.read_message()))

@@ -11,13 +11,14 @@ import rerun
 import rerun.error_utils
 from devices.rerun_recording import moving, rows_of
 from rerun.chunk import RrdReader
+from skies.one_by_one import Made, result_of, results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.station.frame_table import FRAME, STATUSES, FrameTable
-from gse.station.results import FrameResult, Status
+from gse.station.results import Status
 from gse.view.blueprint import _title, layout
 from gse.view.saved_view import save_view
 from gse.view.scene import Scene
@@ -93,7 +94,7 @@ def test_no_line_is_drawn_across_an_outage(tmp_path: Path, live) -> None:
     stream.set_sinks(rerun.FileSink(str(path)))
     scene = Scene(stream, session.station, None, live=live)
     for batch in (slow[:2], slow[2:3], slow[3:]):
-        scene.add(batch, pictures=len(batch))
+        scene.add(list(results_of(batch)), pictures=len(batch))
     stream.disconnect()
     series = moving(rows_of(path)["/d_ra/value"])
     breaks = [row["utc"] for row in series if math.isnan(row["Scalars:scalars"][0])]
@@ -130,7 +131,7 @@ def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
     assert all(len(kind) == FRAMES for kind in kinds.values())
     assert kinds["named"][0]["Points2D:labels"] == ["Spica", "Heze", "Apami-Atsa"]
     facts = kinds["stars"][0]["Points2D:labels"][0]
-    residual_arcsec = next(iter(frames[0].matches)).residual_arcsec
+    residual_arcsec = result_of(frames[0]).matches[0].residual_arcsec
     assert facts.startswith(f"{residual_arcsec:.1f} arcsec, ")
     assert facts.endswith(" mag, Spica")
     assert " mag, Spi" in facts[:27]  # rerun cuts the rest beside a star in the left half of the picture
@@ -162,11 +163,11 @@ def test_the_mouse_over_a_star_finds_the_star_and_its_facts(rows, tmp_path: Path
 def test_stars_keep_their_order_from_frame_to_frame_whatever_their_brightness(tmp_path: Path, frames) -> None:
     """rerun tells the facts of the place that a star had in the frame before."""
 
-    def drawn(frame: FrameResult) -> list[Any]:
+    def drawn(frame: Made) -> list[Any]:
         path = tmp_path / "stars.rrd"
         stream = rerun.RecordingStream("gse", send_properties=False)
         stream.set_sinks(rerun.FileSink(str(path)))
-        Scene(stream, synthetic_night(1).station, small_catalog(), live=False).add([frame], pictures=1)
+        Scene(stream, synthetic_night(1).station, small_catalog(), live=False).add([result_of(frame)], pictures=1)
         stream.disconnect()
         row = moving(rows_of(path)["/panorama/stars"])[0]
         return [row["Points2D:positions"], [facts.rpartition(", ")[2] for facts in row["Points2D:labels"]]]
@@ -241,7 +242,7 @@ def test_brighter_objects_are_drawn_larger(rows, frames) -> None:
 
 def test_residual_arrows_are_a_hundred_times_the_residual(rows, frames) -> None:
     arrow = moving(rows["/panorama/residuals"])[0]
-    match = next(iter(frames[0].matches))
+    match = result_of(frames[0]).matches[0]
     pixel_arcsec = math.degrees(math.atan(1 / (512 / math.tan(math.radians(7))))) * 3600
     expected = np.array([match.residual_x_arcsec, match.residual_y_arcsec]) / pixel_arcsec * 100
     assert np.allclose(arrow["Arrows2D:vectors"][0], expected, rtol=1e-3)

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from skies.one_by_one import results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
-from gse.station.frame_results import NewResults
 from gse.station.results import AnswerCheck, LinkCounters, Status
 from gse.view.own_answers import OWN_ERROR
 from gse.view.running_statistics import Moments, Running
@@ -29,7 +29,7 @@ def told(session, frames, *, folder: Path | None = None, terminal: bool = False,
         for event in session.events:
             status.on_event(event)
         if shown := list(frames):
-            status.on_results(NewResults.of(shown), session)
+            status.on_results(results_of(shown), session)
     return screen.getvalue()
 
 
@@ -84,7 +84,7 @@ def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(ses
     assert "NO ANSWER for 12 s, " in lines[2]
     running = Running(session.station.limits)
     for frame in clouded[:150]:
-        running.add(NewResults.of([frame]).rows)
+        running.add(results_of([frame]).rows)
     assert verdict_so_far(running, session.link).startswith("# Running: NO ANSWER for 7 s, ")
 
 
@@ -101,7 +101,7 @@ def test_a_replay_says_how_far_it_is_beside_what_it_shows(session) -> None:
     for event in session.events:
         status.on_event(event)
     status.on_event(LinkEvent(0, 0, LinkKind.STREAMING, "valid frames come"))
-    status.on_results(NewResults.of(list(synthetic_frames(301, trouble=False))), session)
+    status.on_results(results_of(list(synthetic_frames(301, trouble=False))), session)
     line = status.line().plain
     assert len(line) <= 80
     for words in ("43 % done, 12 s left", "100.0 % identified", "dRA*", "dDE"):
@@ -152,7 +152,7 @@ def test_running_figures_count_answers_limits_and_false_ones(session) -> None:
     running = Running(session.station.limits)
     frames = list(synthetic_frames(422))
     for frame in frames:
-        running.add(NewResults.of([frame]).rows)
+        running.add(results_of([frame]).rows)
     assert running.frames == 422
     assert running.identified == pytest.approx(1 - 8 / 422)
     assert running.d_ra.n - running.inside == 2
@@ -173,7 +173,7 @@ def test_frames_without_sky_do_not_count_as_missing_answers(session, batch: int)
             assert running.outside(0) == ("availability 50.0 % (limit 95 %)",), "six seconds are no stretch yet"
         if first == 390:
             running.add_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
-        running.add(NewResults.of(frames[first : first + batch]).rows)
+        running.add(results_of(frames[first : first + batch]).rows)
     assert running.without_sky == 300
     assert running.identified == 1
     assert running.outside(0) == ()
@@ -184,14 +184,14 @@ def test_frames_without_an_answer_below_a_clear_sky_count(session) -> None:
     frames = list(synthetic_frames(200, trouble=False))
     failing = [replace(frame, status=Status.TOO_FEW, attitude_error=None) for frame in frames[100:]]
     running.add_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
-    running.add(NewResults.of([*frames[:100], *failing]).rows)
+    running.add(results_of([*frames[:100], *failing]).rows)
     assert running.outside(0) == ("availability 50.0 % (limit 95 %)",)
 
 
 def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identified(session) -> None:
     running = Running(session.station.limits)
     for frame in synthetic_frames(90, trouble=False):
-        running.add(NewResults.of([frame]).rows)
+        running.add(results_of([frame]).rows)
     assert verdict_so_far(running, LinkCounters()).startswith("# Running: inside the limits")
     text = verdict_so_far(running, LinkCounters(frames_lost=10))
     assert text.startswith("# Running: OUTSIDE the limits")
