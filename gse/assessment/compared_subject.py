@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from gse.diagnosis.field_content import FieldContent, field_content
 from gse.station.frame_table import STATUSES
+from gse.station.own_answers import ERRORS, SensorAnswers
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import false_answers
-from gse.statistics.sensor_answers import ERRORS, SensorAnswers
 from gse.statistics.sensor_convention import is_wrong
 from gse.statistics.session_statistics import Statistics, sensor_masks, statistics
 from gse.statistics.subject_statistics import SubjectStatistics

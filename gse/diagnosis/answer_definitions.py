@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from gse.attitude_convention import from_angles
 from gse.station.attitude_error import attitude_errors
-from gse.station.own_answers import OwnAnswerTruth, field_of
+from gse.station.own_answers import OwnAnswerTruth, SensorAnswers, field_of, own_truth
 from gse.station.session_data import SessionData
-from gse.statistics.sensor_answers import SensorAnswers, own_truth
 
 _MOST_ROWS = 1 << 14
 """Evenly over the session: medians of so many are known well, and rotations of more are large."""

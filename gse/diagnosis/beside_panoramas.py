@@ -18,10 +18,10 @@ from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
+from gse.station.own_answers import SensorAnswers
 from gse.station.session_data import SessionData
 from gse.statistics.answer_differences import answer_differences
 from gse.statistics.onboard_equivalence import OnboardEquivalence
-from gse.statistics.sensor_answers import SensorAnswers
 
 _SIGMAS = 5.0
 _PIXEL_SIGMAS = 4.0

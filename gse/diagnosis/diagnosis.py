@@ -35,10 +35,10 @@ from gse.diagnosis.time_tags import often_stand_still, time_tag_faults
 from gse.diagnosis.unexplained import unexplained
 from gse.finding import Finding
 from gse.station.clock_steps import clock_steps
+from gse.station.own_answers import sensor_answers
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames, counted_frames
-from gse.statistics.sensor_answers import sensor_answers
 from gse.statistics.sensor_convention import session_convention
 from gse.statistics.session_statistics import Statistics
 from gse.truth import horizon_to_sensor

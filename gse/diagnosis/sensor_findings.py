@@ -12,10 +12,11 @@ from gse.diagnosis.beside_panoramas import Explained, beside_panoramas
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT
 from gse.finding import Finding
 from gse.station.attitude_table import ANGLES, QUATERNION
+from gse.station.own_answers import SensorAnswers
 from gse.station.session_data import SessionData
 from gse.statistics.convention_search import ConventionSearch
 from gse.statistics.onboard_equivalence import OnboardEquivalence
-from gse.statistics.sensor_answers import SensorAnswers, by_other_stars_arcsec
+from gse.statistics.sensor_answers import by_other_stars_arcsec
 from gse.statistics.sensor_convention import convention_finding, is_wrong
 
 _STAR_SIGMAS = 4.0

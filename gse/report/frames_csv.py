@@ -11,8 +11,8 @@ from pyarrow.csv import WriteOptions, write_csv
 from gse.station.columns import COLUMNS, OWN_COLUMNS, Column
 from gse.station.frame_columns import Columns
 from gse.station.housekeeping import firmware_text, latest_status
+from gse.station.own_answers import SensorAnswers
 from gse.station.results import Subject
-from gse.statistics.sensor_answers import SensorAnswers
 from protocols import StatusMessage
 
 _ROWS_AT_ONCE = 1 << 12

@@ -10,10 +10,10 @@ from gse.axis import CROSS_X, CROSS_Y, ON_SKY
 from gse.instant import NS_PER_S
 from gse.station.exclusions import Exclusion
 from gse.station.frame_columns import Columns, InOrder
+from gse.station.own_answers import SensorAnswers
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
-from gse.statistics.sensor_answers import SensorAnswers
 
 _OF_ANSWERS = ("utc_ns", "de_true_deg", *(axis.column for axis in (*ON_SKY, CROSS_X, CROSS_Y)))
 """What the plots of a subject are drawn from."""

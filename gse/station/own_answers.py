@@ -1,4 +1,4 @@
-"""The sensor's own answers against the truth: what an errorless sensor would send, and how far off it is.
+"""The sensor's own answers (ATTITUDE frames): the panoramas that they are to, and how far they are off the truth.
 
 A sensor answers from the catalogue places of the stars that it sees: it knows no air, and a simple one no aberration.
 So truth is brought to the same: the geometric direction of the mount, less what refraction, and aberration where it is
@@ -12,14 +12,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude_convention import AttitudeConvention, read_angles, read_quaternions
+from gse.attitude_convention import AttitudeConvention, read_angles, read_quaternions, state_angles
+from gse.axis import ALL_AXES, D_ROLL
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
-from gse.instant import NS_PER_S
+from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
 from gse.mount import Mount
+from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
-from gse.truth import SiderealTruth, horizon_to_sensor
+from gse.station.frame_columns import Columns
+from gse.station.session_data import SessionData
+from gse.truth import SiderealTruth, horizon_to_sensor, truth_of
 from gse.truth.frames import icrs_to_frame
+from gse.truth.orientation import FIRST_MJD
 
 _CELL_NS = 60 * NS_PER_S
 """Aberration and refraction of the boresight change by 0.01 arcsec in this time."""
@@ -28,6 +33,13 @@ _NEAR = np.array([[0.0, 0.0, 1.0], [1e-3, 0.0, 1.0], [0.0, 1e-3, 1.0]]) / np.sqr
 _LOWEST = 0.05
 """Sine of 3 deg: stars below are seen by no sensor."""
 _GRID = 9
+
+_FIRST_NS = (FIRST_MJD - UNIX_EPOCH_MJD + 1) * NS_PER_DAY
+"""No truth before: a wrong clock may have stamped a frame so."""
+_ROWS_AT_ONCE = 1 << 14
+"""Rotations of more rows than these are large: those of 8 h at 10 Hz have 20 MB."""
+
+ERRORS = tuple(axis.column for axis in ALL_AXES)
 
 
 def measured_rotations(
@@ -134,3 +146,120 @@ def _triad(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     x = along_x + np.cross(along_y, z)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorAnswers:
+    """The sensor's answers by frame: columns (M,) in the order of the frame table, NaN where there is none.
+
+    ``sent`` frames have an ATTITUDE frame, ``acquired`` ones an answer in it. RA, DE and roll are in ICRS, read by the
+    convention of the station file; errors are in arcsec, as in AttitudeError. ``latency_ms`` is the processing time
+    that the sensor states, ``arrival_ms`` from mid-exposure to the first byte of the ATTITUDE frame at the host,
+    ``matched`` how many stars it says it identified.
+    """
+
+    sent: NDArray[np.bool_]
+    acquired: NDArray[np.bool_]
+    ra_deg: NDArray[np.float64]
+    de_deg: NDArray[np.float64]
+    roll_deg: NDArray[np.float64]
+    d_ra_cosde_arcsec: NDArray[np.float64]
+    d_de_arcsec: NDArray[np.float64]
+    d_roll_arcsec: NDArray[np.float64]
+    cross_x_arcsec: NDArray[np.float64]
+    cross_y_arcsec: NDArray[np.float64]
+    latency_ms: NDArray[np.float64]
+    arrival_ms: NDArray[np.float64]
+    matched: NDArray[np.uint16]
+
+
+def sensor_answers(session: SessionData) -> SensorAnswers | None:
+    """The sensor's answers to the panoramas of a session; None where it sent none for them."""
+    frames = session.frames.columns
+    answers = session.sensor_attitudes.columns  # a copy of its rows of 8 h at 10 Hz is 28 MB
+    rows, places = paired(frames, answers)
+    if not len(rows):
+        return None
+    columns = {name: np.full(len(frames), np.nan) for name in (*ANGLES, *ERRORS, "latency_ms", "arrival_ms")}
+    sent, acquired = np.zeros(len(frames), dtype=bool), np.zeros(len(frames), dtype=bool)
+    sent[rows], acquired[rows] = True, answers["acquired"][places]
+    columns["latency_ms"][rows] = answers["latency_ms"][places]
+    host_utc_ns = answers["host_utc_ns"][places]
+    columns["arrival_ms"][rows] = np.where(host_utc_ns > 0, (host_utc_ns - frames["utc_ns"][rows]) / 1e6, np.nan)
+    matched = np.zeros(len(frames), dtype=np.uint16)
+    matched[rows] = answers["matched"][places]
+    good = answers["acquired"][places]
+    _measure(session, rows[good], places[good], columns)
+    return SensorAnswers(sent, acquired, **columns, matched=matched)
+
+
+def paired(frames: Columns, answers: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows (K,) of FRAME, and rows (K,) of OWN_ANSWER that answer them; of two answers to one panorama the later."""
+    row_of = panoramas_of(frames, answers)
+    places = np.flatnonzero(row_of >= 0)[::-1]
+    rows, later = np.unique(row_of[places], return_index=True)
+    return rows, places[later]
+
+
+def panoramas_of(frames: Columns, answers: NDArray[np.void]) -> NDArray[np.int64]:
+    """The row of FRAME that each of some answers (M,) is to, by time tag and frame number; -1 where there is none.
+
+    A sensor whose ATTITUDE has no frame number is taken by the tag alone.
+    """
+    if not len(frames):
+        return np.full(len(answers), -1)
+    time_us = frames["time_us"]
+    order = np.argsort(time_us, kind="stable")
+    place = np.searchsorted(time_us, answers["time_us"], side="right", sorter=order) - 1
+    rows = order[np.maximum(place, 0)]
+    same = (place >= 0) & (time_us[rows] == answers["time_us"])
+    same &= (frames["frame_no"][rows] == answers["frame_no"]) | (answers["frame_no"] == 0)
+    return np.where(same, rows, -1)
+
+
+def own_truth(session: SessionData) -> OwnAnswerTruth | None:
+    """What an errorless sensor answers in a session; None without Earth orientation, or before the mount is fitted."""
+    station = session.station
+    mount = session.alignment.mount if session.alignment else station.mount
+    truth = truth_of(station.site, mount, session.earth_orientation)
+    if truth is None or (station.mount.align is not None and session.alignment is None):
+        return None
+    corrected = station.sensor.attitude.aberration == "corrected"
+    return OwnAnswerTruth(truth, mount, corrected, field_of(station.sensor.camera()))
+
+
+def _measure(
+    session: SessionData, rows: NDArray[np.int64], places: NDArray[np.int64], columns: dict[str, NDArray[np.float64]]
+) -> None:
+    """Put angles and errors of the answers into their rows of the columns."""
+    answers = session.sensor_attitudes.columns
+    truth, utc_ns = own_truth(session), session.frames.columns["utc_ns"][rows]
+    compared = _compared(session, utc_ns) if truth else np.zeros(len(rows), dtype=bool)
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        part = slice(first, first + _ROWS_AT_ONCE)
+        measured = measured_rotations(answers[places[part]], utc_ns[part], session.station.sensor.attitude)
+        for name, values in zip(ANGLES, state_angles(measured, AttitudeConvention()).T, strict=True):
+            columns[name][rows[part]] = values
+        with_truth = compared[part]
+        if truth is None or not with_truth.any():
+            continue
+        errors = attitude_errors(measured[with_truth], truth.expected(utc_ns[part][with_truth]))
+        for name, values in zip(ERRORS, errors.T, strict=True):
+            columns[name][rows[part][with_truth]] = values
+    without_roll = rows[_lacks_roll(answers["ra_deg"][places], answers["roll_deg"][places])]
+    columns["roll_deg"][without_roll] = columns[D_ROLL.column][without_roll] = np.nan
+
+
+def _compared(session: SessionData, utc_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which instants (M,) are compared: those of truth, and not those that the mount was fitted on."""
+    mask = utc_ns >= _FIRST_NS
+    if session.alignment is not None:
+        frames = session.frames.columns
+        compared = np.isfinite(frames["ra_true_deg"])
+        mask &= utc_ns >= frames["utc_ns"][compared].min() if compared.any() else False
+    return np.asarray(mask)
+
+
+def _lacks_roll(ra_deg: NDArray[np.float64], roll_deg: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which answers (M,) are angles without a roll."""
+    return np.asarray(np.isnan(roll_deg) & np.isfinite(ra_deg))

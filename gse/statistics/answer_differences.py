@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from gse.attitude_convention import from_angles
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_columns import Columns
-from gse.statistics.sensor_answers import SensorAnswers
+from gse.station.own_answers import SensorAnswers
 
 _ROWS_AT_ONCE = 1 << 14
 """Rotations of more rows than these are large."""

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import STATUSES
+from gse.station.own_answers import SensorAnswers
 from gse.station.results import Status
 from gse.statistics.percentiles import Percentiles, percentiles
-from gse.statistics.sensor_answers import SensorAnswers
 
 SAME_WITHIN_ARCSEC = 1.0
 """The wire carries 0.0036 arcsec; single precision on board makes some 0.1."""

@@ -12,11 +12,10 @@ from gse.instant import NS_PER_S
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.own_answers import OwnAnswerTruth
+from gse.station.own_answers import OwnAnswerTruth, own_truth, paired
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.convention_search import ConventionSearch, Evidence, search_convention
-from gse.statistics.sensor_answers import own_truth, paired_answers
 from gse.truth import mount_of, truth_of
 from gse.truth.orientation import FIRST_NS
 
@@ -44,7 +43,7 @@ def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence |
     """The first answers beside the truth: what the stars of their panoramas show, or where the mount looked."""
     frames = session.frames.columns
     answers = session.sensor_attitudes.columns
-    rows, places = paired_answers(session)
+    rows, places = paired(frames, answers)
     # A clock far off its time has no sidereal truth.
     good = answers["acquired"][places] & (frames["utc_ns"][rows] >= FIRST_NS)
     rows, places = rows[good], places[good]

@@ -11,6 +11,7 @@ from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES, thinned, xy_px_of
+from gse.station.own_answers import SensorAnswers, sensor_answers
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.answer_differences import answer_differences
@@ -19,7 +20,6 @@ from gse.statistics.convention_search import ConventionSearch
 from gse.statistics.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames, explained_arcsec
 from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.statistics.percentiles import Percentiles
-from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
 from gse.statistics.sensor_convention import is_wrong, session_convention
 from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
 from gse.statistics.subject_statistics import NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics

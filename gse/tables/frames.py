@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from gse.station.columns import COLUMNS, OWN_COLUMNS, STATUSES, Column
 from gse.station.frame_columns import Columns
+from gse.station.own_answers import SensorAnswers
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
-from gse.statistics.sensor_answers import SensorAnswers
 from gse.statistics.session_statistics import Statistics
 from gse.tables.parquet import ROWS_AT_ONCE
 from gse.tables.records import UTC

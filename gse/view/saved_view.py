@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog
 from gse.errors import UsageError
+from gse.station.own_answers import SensorAnswers
 from gse.station.session_data import SessionData
-from gse.statistics.sensor_answers import SensorAnswers
 from gse.view.glance_word import bare_verdict
 from gse.view.own_answers import OWN_ERROR
 from gse.view.scene import Scene

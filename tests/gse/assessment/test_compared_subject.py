@@ -10,8 +10,8 @@ from skies.own_answers import with_answers, without_error
 
 from gse.assessment.compared_subject import ComparedSession
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.own_answers import ERRORS
 from gse.station.results import AnswerCheck, Status, Subject
-from gse.statistics.sensor_answers import ERRORS
 
 
 def rows(mask):

@@ -36,13 +36,14 @@ from gse.station.attitude_table import AttitudeTable
 from gse.station.event_kinds import StationKind
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import SKY_CONDITIONS, STATUSES
+from gse.station.own_answers import own_truth, sensor_answers
 from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.clock_health import clock_health, stated_error_s
 from gse.statistics.decision import Outcome, Row, share_of
 from gse.statistics.sampling import Bounds
-from gse.statistics.sensor_answers import not_compared, own_truth, sensor_answers
+from gse.statistics.sensor_answers import not_compared
 from gse.statistics.session_statistics import statistics
 from gse.statistics.subject_statistics import about_circular_mean
 from gse.truth import Alignment, EarthOrientation

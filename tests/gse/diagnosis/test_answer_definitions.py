@@ -15,8 +15,8 @@ from gse.diagnosis.sensor_findings import sensor_findings
 from gse.instant import from_text
 from gse.mount import InertialDirection, Mount
 from gse.site import Site
+from gse.station.own_answers import SensorAnswers, sensor_answers
 from gse.station.setup import set_up
-from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
 
 SITE = Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0, pressure_hpa=955.0, temperature_c=8.0)
 ARCTIC = Site(latitude_deg=71.3, longitude_deg=-179.4, height_m=10.0, pressure_hpa=1012.0, temperature_c=-20.0)

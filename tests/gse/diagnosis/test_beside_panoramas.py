@@ -24,9 +24,9 @@ from gse.diagnosis.beside_panoramas import (
     _typical,
     beside_panoramas,
 )
+from gse.station.own_answers import SensorAnswers
 from gse.statistics.onboard_equivalence import OnboardEquivalence
 from gse.statistics.percentiles import percentiles
-from gse.statistics.sensor_answers import SensorAnswers
 
 COUNT = 60
 NONE = percentiles(np.zeros(0))

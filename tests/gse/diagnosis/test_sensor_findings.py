@@ -17,8 +17,9 @@ from gse.diagnosis.sensor_findings import _by_few_other_stars_arcsec, _explained
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.mount import InertialDirection, Mount
+from gse.station.own_answers import SensorAnswers, sensor_answers
 from gse.statistics.convention_search import ConventionSearch, Fit
-from gse.statistics.sensor_answers import SensorAnswers, by_other_stars_arcsec, sensor_answers
+from gse.statistics.sensor_answers import by_other_stars_arcsec
 from gse.truth import Alignment
 from protocols import AttitudeMessage
 

@@ -16,9 +16,8 @@ from gse.panorama import Panorama
 from gse.sessions.expected_attitudes import ExpectedAttitudes
 from gse.sessions.replay import replay_session
 from gse.station.attitude_table import AttitudeTable
-from gse.station.own_answers import measured_rotations
+from gse.station.own_answers import measured_rotations, paired
 from gse.station.results import Status, Subject
-from gse.statistics.sensor_answers import paired_answers
 from protocols import AttitudeMessage, load_protocol
 
 SESSION = Path(__file__).parents[3] / "replays" / "golden" / "own-answers.mcap"
@@ -42,7 +41,7 @@ def session():
 
 def answers_of(session, path, *, changed=0, has_roll=True):
     """The answers of a program that says what the sensor said, to a third of a count, but for ``changed`` frames."""
-    rows, places = paired_answers(session)
+    rows, places = paired(session.frames.columns, session.sensor_attitudes.columns)
     sent, utc_ns = session.sensor_attitudes.columns[places], session.frames.columns["utc_ns"][rows]
     rotations = measured_rotations(sent, utc_ns, session.station.sensor.attitude)
     lines = []

@@ -8,8 +8,8 @@ from skies.synthetic_night import synthetic_night
 
 from gse.report.frames_csv import frames_csv
 from gse.station.columns import COLUMNS, FRAME, OWN_COLUMNS, SKY_CONDITIONS, Column, empty_rows, unit_of
+from gse.station.own_answers import SensorAnswers
 from gse.station.results import Subject
-from gse.statistics.sensor_answers import SensorAnswers
 
 
 def test_a_number_whose_name_ends_with_no_known_unit_is_refused_with_a_sentence():

@@ -7,8 +7,8 @@ import pytest
 
 from gse.attitude import Attitude
 from gse.station.frame_table import FRAME
+from gse.station.own_answers import SensorAnswers
 from gse.statistics.answer_differences import answer_differences
-from gse.statistics.sensor_answers import SensorAnswers
 
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
 

@@ -9,16 +9,8 @@ from skies.known_nights import START_NS, STATION, TRUTH, session
 
 from gse.instant import NS_PER_S, from_text
 from gse.mount import InertialDirection, Mount
-from gse.station.own_answers import OwnAnswerTruth, field_of
-from gse.statistics.sensor_answers import (
-    _compared,
-    _stars_of_a_fix,
-    by_other_stars_arcsec,
-    not_compared,
-    own_truth,
-    paired_answers,
-    sensor_answers,
-)
+from gse.station.own_answers import OwnAnswerTruth, _compared, field_of, own_truth, paired, sensor_answers
+from gse.statistics.sensor_answers import _stars_of_a_fix, by_other_stars_arcsec, not_compared
 from gse.truth import Alignment, horizon_to_sensor
 from protocols import AttitudeMessage
 
@@ -57,7 +49,7 @@ def test_an_answer_belongs_to_the_panorama_of_its_tag_and_number_the_later_of_tw
     made = night(tags_us, numbers)
     for tag_us, number in answers:
         answer(made, tag_us, number)
-    rows, places = paired_answers(made)
+    rows, places = paired(made.frames.columns, made.sensor_attitudes.columns)
     assert list(zip(rows.tolist(), places.tolist(), strict=True)) == pairs
 
 

@@ -16,8 +16,8 @@ from gse.assessment.verdict import judge
 from gse.instant import from_text
 from gse.station.columns import COLUMNS
 from gse.station.frame_table import MATCH
+from gse.station.own_answers import sensor_answers
 from gse.station.results import Subject
-from gse.statistics.sensor_answers import sensor_answers
 from gse.tables import (
     ResultKey,
     failed_session,

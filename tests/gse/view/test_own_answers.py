@@ -8,7 +8,7 @@ from devices.rerun_recording import moving, rows_of
 
 from drivers.clock import ClockReading
 from gse.sessions.replay import replay_session
-from gse.statistics.sensor_answers import sensor_answers
+from gse.station.own_answers import sensor_answers
 from gse.view.glance import Glance
 from gse.view.own_answers import OwnAnswerErrors
 from gse.view.rerun_feed import RerunFeed
