@@ -20,6 +20,7 @@ from pathlib import Path
 from tornado.websocket import websocket_connect
 
 from gse.view.glance import Glance
+from gse.view.live_state import LiveState
 from gse.view.server import Content, ViewServer
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # after gse: tests has a folder of that name
@@ -60,7 +61,8 @@ def measured(browsers: int, seconds: float) -> tuple[float, list[float], int]:
     """Processor time of this process per second, lags in seconds, bytes of a browser per second."""
     session = synthetic_night(20)
     frames = list(synthetic_frames(200, trouble=False))
-    glance = Glance(session.station)
+    live = LiveState(session.station)
+    glance = Glance(live)
     with ViewServer("127.0.0.1", 0, Content(glance=glance)) as server, ProcessPoolExecutor(1) as pool:
         pool.submit(int).result()
         reading = pool.submit(clients, server.port, browsers, seconds) if browsers else None
@@ -70,7 +72,7 @@ def measured(browsers: int, seconds: float) -> tuple[float, list[float], int]:
             panorama = replace(frame.panorama, utc_ns=frames[0].panorama.utc_ns + round(number / RATE_HZ * 1e9))
             # The client gets the host's time in milliseconds through a counter that the page only shows.
             session.link.frames_lost = round(time.time() * 1000)
-            glance.on_results(results_of([replace(frame, panorama=panorama)]), session)
+            live.on_results(results_of([replace(frame, panorama=panorama)]), session)
             number += 1
             pause.wait(max(0.0, began_s + number / RATE_HZ - time.monotonic()))
         used = (time.process_time() - used_s) / seconds

@@ -26,6 +26,7 @@ from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.session_data import SessionData
+from gse.view.live_state import LiveState
 from gse.view.status import StatusLine
 
 if TYPE_CHECKING:
@@ -91,17 +92,18 @@ class LiveOutputs:
         self._forecast: Forecast | None = None
         self._status: StatusLine | None = None
 
-    def listeners(self, loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
-        """The requested listeners and the status line."""
+    def listeners(self, loop: StationLoop, folder: Path | None, live: LiveState) -> Sequence[Listener]:
+        """The requested listeners and the ``live`` state, which the status line and the requested view show."""
         listeners: list[Listener] = [JsonFrames()] if self._options.json_frames else []
         if self._diagnose or self._options.view != "none":  # the verdict itself comes sooner than its forecast
             from gse.sessions.forecast import Forecast
 
             self._forecast = Forecast(loop.sky.fill)
             listeners.append(self._forecast)
-        listeners.append(self._open_status(loop, folder))
+        listeners.append(live)
+        self._open_status(loop, folder, live)
         if self._options.view != "none" or self._options.save_rrd is not None:
-            listeners.append(self._open_view(loop, folder))
+            self._open_view(loop, folder, live)
         return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
 
     @property
@@ -146,22 +148,19 @@ class LiveOutputs:
         if self._live is not None:
             self._live.close()
 
-    def _open_status(self, loop: StationLoop, folder: Path | None) -> Listener:
+    def _open_status(self, loop: StationLoop, folder: Path | None, live: LiveState) -> None:
         if self._options.view == "none":
             click.echo("to see it live: --view web", err=True)
         link = loop.session.link
-        status = StatusLine(
-            loop.setup.station, folder, forecast=self.forecast, progress=lambda: self._progress(link.bytes_in)
-        )
+        status = StatusLine(live, folder, forecast=self.forecast, progress=lambda: self._progress(link.bytes_in))
         status.__enter__()
-        self._status = status
-        return status
+        self._status = live.add(status)
 
-    def _open_view(self, loop: StationLoop, folder: Path | None) -> Listener:
+    def _open_view(self, loop: StationLoop, folder: Path | None, live: LiveState) -> None:
         from gse.view.live import LiveView
 
         view = LiveView(
-            loop.setup.station,
+            live,
             mode=self._options.view,
             save_rrd=self._options.save_rrd,
             catalog=loop.setup.identifier.catalog,
@@ -177,8 +176,7 @@ class LiveOutputs:
             click.echo(f"live page: {view.url}{in_rerun}", err=True)
         if view.url and self._options.bind not in _LOOPBACK and self._notes is not None:
             click.echo(f"notes from other machines: {view.url}#token={view.token}", err=True)
-        self._live = view
-        return view
+        self._live = live.add(view)
 
 
 def _live_diagnosis(listeners: Sequence[Listener]) -> Listener:

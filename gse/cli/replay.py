@@ -85,6 +85,7 @@ def command(
     """
     from gse.cli.progress import ReplayedShare
     from gse.sessions.replay import replay_session
+    from gse.view.live_state import LiveState
 
     progress = ReplayedShare(path).text
     with LiveOutputs(live, diagnose=options.speed != "max", progress=progress) as live_outputs:
@@ -92,7 +93,7 @@ def command(
             path,
             options=options,
             station=change_to(station_path, identifier),
-            make_listeners=live_outputs.listeners,
+            make_listeners=lambda loop, folder: live_outputs.listeners(loop, folder, LiveState(loop.session.station)),
             tell=say,
         )
         live_outputs.enter_judging()

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
     from gse.station.loop import Listener, StationLoop
+    from gse.view.live_state import LiveState
 
 _MOST_LISTED = 3
 """Most unfinished sessions listed; of further ones only the number."""
@@ -102,7 +103,7 @@ def command(
                 text,
                 out,
                 Operator(ending, _say, session.opened, lambda: session.terminal_news(outputs), notes),
-                make_listeners=lambda loop, folder: session.listeners(live_outputs, loop, folder),
+                make_listeners=lambda *of_session: session.listeners(live_outputs, *of_session),
                 duration_s=duration_s,
                 wait_port=wait_port,
                 clock_error_s=clock_error_s,
@@ -144,9 +145,11 @@ class _Session:
             self._detachment.keep_small()
         return outputs.news()
 
-    def listeners(self, live_outputs: LiveOutputs, loop: "StationLoop", folder: Path) -> "Sequence[Listener]":
+    def listeners(
+        self, live_outputs: LiveOutputs, loop: "StationLoop", folder: Path, live: "LiveState"
+    ) -> "Sequence[Listener]":
         """Those of the live outputs; the status file then shows what these know."""
-        found = live_outputs.listeners(loop, folder)
+        found = live_outputs.listeners(loop, folder, live)
         if self._status is not None:
             self._status.link_up(page=live_outputs.page, forecast=live_outputs.forecast)
         return found

@@ -17,7 +17,7 @@ from gse.report.plot_data import PlotData, edge_of, unit_of
 from gse.report.svg import set_margins
 from gse.station.event_kinds import StationKind
 from gse.station.results import Subject
-from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS
+from gse.view.live_state import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400
 _SHARE_BINS = 120

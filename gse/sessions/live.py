@@ -41,6 +41,7 @@ from gse.station.session_data import SessionData
 from gse.station.setup import check_external, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
+from gse.view.live_state import LiveState
 from protocols import load_protocol
 
 MOCK_PORTS = ("sim://", "replay://")
@@ -109,7 +110,7 @@ def run_live(
     out: Path,
     operator: Operator,
     *,
-    make_listeners: Callable[[StationLoop, Path], Sequence[Listener]] = lambda loop, folder: (),
+    make_listeners: Callable[[StationLoop, Path, LiveState], Sequence[Listener]] = lambda loop, folder, live: (live,),
     duration_s: float | None = None,
     wait_port: bool = False,
     clock_error_s: float | None = None,
@@ -139,7 +140,8 @@ def run_live(
     recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
     if clock_error_s is not None:
         recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
-    status = StatusFile(folder, station, operator.notes)
+    live = LiveState(station)
+    status = StatusFile(folder, live, operator.notes)
     with recorder, link:
         operator.opened(folder, status)
         first = link.receive(FIRST_WITHIN_S)
@@ -149,7 +151,7 @@ def run_live(
             loop = StationLoop(setup, given_orientation=given_orientation)
         derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s)
         loop.session.clock_error_s = clock_error_s
-        loop.listeners = (*make_listeners(loop, folder), status)
+        loop.listeners = make_listeners(loop, folder, live)
         status.enter("running")
         session = loop.run(link, first, stop=derived_data.is_over, each=derived_data.keep)
         derived_data.close()

@@ -15,22 +15,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.chunk import LinkEvent
 from drivers.clock import read_clock
 from drivers.host_files import only_a_file
 from drivers.outside_text import is_plain
 from drivers.session_file.record_scanner import MAGIC
 from drivers.whole_file import write_whole
 from gse import instant
-from gse.config.station import Station
 from gse.sessions.note_files import collect_notes
 from gse.sessions.status_document import NAME, SCHEMA, read_status
-from gse.station.frame_results import FrameResults
-from gse.station.frame_table import STATUSES
 from gse.station.notes import Notes
-from gse.station.results import Status
-from gse.station.session_data import SessionData
-from gse.view.running_statistics import LINK_WORDS, Running
+from gse.view.live_state import LiveState
 from gse.view.verdict_text import headline
 
 EVERY_S = 1.0
@@ -39,40 +33,22 @@ _RENEWED_WITHIN_S = 10.0
 
 
 class StatusFile:
-    """A listener of the station loop that keeps status.json up to date; tries again after a disk error.
+    """Keeps status.json as the ``live`` state is; tries again after a disk error.
 
     While the session runs it puts the notes that are left in its folder into ``notes``. ``url`` is the live page's.
     """
 
-    def __init__(self, folder: Path, station: Station, notes: Notes) -> None:
-        self._folder, self._url = folder, station.port.url
+    def __init__(self, folder: Path, live: LiveState, notes: Notes) -> None:
+        self._folder, self._live = folder, live
         self._notes = notes
         self._forecast: Callable[[], str] = lambda: ""
         self._page: str | None = None
-        self._running = Running(station.limits)
         self._state = "starting"
-        self._link = "no link"
-        self._frames_lost = 0
-        self._answered_ns = 0
         self._outcome: dict[str, Any] = {"verdict": None, "exit_code": None}
         self._changed = threading.Event()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="status file", daemon=True)
         self._thread.start()
-
-    def on_results(self, results: FrameResults, session: SessionData) -> None:
-        """Count frames."""
-        rows = results.rows
-        self._running.add(rows)
-        self._frames_lost = session.link.frames_lost
-        answered = rows["host_utc_ns"][rows["status"] == STATUSES.index(Status.IDENTIFIED)]
-        if len(answered):
-            self._answered_ns = int(answered[-1])
-
-    def on_event(self, event: LinkEvent) -> None:
-        """Note the state of the link."""
-        self._link = LINK_WORDS.get(event.kind, self._link)
-        self._running.add_event(event)
 
     def link_up(self, *, page: str | None, forecast: Callable[[], str]) -> None:
         """The address of the live page, None without one, and the line on the time to a verdict."""
@@ -108,7 +84,8 @@ class StatusFile:
             write_whole(self._folder / NAME, [json.dumps(self._document(mark), indent=2) + "\n"])
 
     def _document(self, mark: str | None) -> dict[str, Any]:
-        running = self._running
+        so_far = self._live.so_far
+        answered_ns = so_far.answered_host_utc_ns
         session = self._folder / "session.mcap"
         return {
             "schema": SCHEMA,
@@ -116,15 +93,15 @@ class StatusFile:
             "utc": instant.to_text(read_clock().utc_ns, 1),
             "pid": os.getpid(),
             "process": mark,
-            "port": self._url,
-            "link": self._link,
-            "frames": running.frames,
-            "frames_lost": self._frames_lost,
-            "frames_per_s": _number(running.frames_per_s),
-            "identified": _number(running.identified),
-            "last_answer_utc": instant.to_text(self._answered_ns, 1) if self._answered_ns else None,
-            "sky": running.sky or None,
-            "so_far": headline(running, self._frames_lost),
+            "port": self._live.station.port.url,
+            "link": so_far.link_word,
+            "frames": so_far.frames,
+            "frames_lost": so_far.link.frames_lost,
+            "frames_per_s": _number(so_far.frames_per_s),
+            "identified": _number(so_far.identified),
+            "last_answer_utc": instant.to_text(answered_ns, 1) if answered_ns else None,
+            "sky": so_far.sky or None,
+            "so_far": headline(so_far),
             "forecast": self._forecast() or None,
             "page": self._page,
             "session_bytes": session.stat().st_size if session.exists() else 0,

@@ -19,10 +19,11 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_errors
-from gse.station.attitude_table import ANGLES, QUATERNION
+from gse.station.attitude_table import ANGLES, OWN_ANSWER, QUATERNION
 from gse.station.frame_columns import Columns
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
-from gse.truth import SiderealTruth, horizon_to_sensor, truth_of
+from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor, truth_of
 from gse.truth.frames import icrs_to_frame
 from gse.truth.orientation import FIRST_MJD
 
@@ -40,6 +41,15 @@ _ROWS_AT_ONCE = 1 << 14
 """Rotations of more rows than these are large: those of 8 h at 10 Hz have 20 MB."""
 
 ERRORS = tuple(axis.column for axis in ALL_AXES)
+
+OWN_ERROR = np.dtype([("utc_ns", "i8"), *((name, "f8") for name in (*ERRORS[:3], "latency_ms"))])
+"""One row per answer, at the mid-exposure of its panorama. NaN where the sensor has no answer, or there is no truth."""
+NO_OWN_ERRORS = np.empty(0, OWN_ERROR)
+
+MOST_WAITING = 8192
+"""Answers without their panorama: a replay is so far ahead with answers that are only kept."""
+MOST_BEHIND = 1000
+"""Panoramas whose answers may still come: more than a minute at 10 Hz."""
 
 
 def measured_rotations(
@@ -263,3 +273,52 @@ def _compared(session: SessionData, utc_ns: NDArray[np.int64]) -> NDArray[np.boo
 def _lacks_roll(ra_deg: NDArray[np.float64], roll_deg: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which answers (M,) are angles without a roll."""
     return np.asarray(np.isnan(roll_deg) & np.isfinite(ra_deg))
+
+
+class NewOwnErrors:
+    """Errors of the sensor's own answers as they come, for the live displays; ``sensor_answers`` judges all at the end.
+
+    Answers to panoramas from before there was a truth, as while the mount is fitted, are left out.
+    """
+
+    def __init__(self) -> None:
+        self._truth: OwnAnswerTruth | None = None
+        self._truth_is_of: tuple[EarthOrientation | None, Alignment | None] | None = None
+        self._waiting = np.empty(0, OWN_ANSWER)
+        self._taken = self._seen = self._compared_from = 0
+
+    def take(self, session: SessionData) -> NDArray[np.void]:
+        """Rows of OWN_ERROR of the answers that found their panoramas since the last call, in the order of time."""
+        frames, answers = session.frames.columns, session.sensor_attitudes.columns
+        if session.subject is Subject.SENSOR or not self._has_truth(session):
+            self._seen = self._compared_from = len(frames)
+            return NO_OWN_ERRORS
+        waiting = np.concatenate([self._waiting, answers[self._taken :]])
+        recent = frames[max(self._seen - MOST_BEHIND, self._compared_from) :]
+        self._taken, self._seen = len(answers), len(frames)
+        if not len(waiting):
+            return NO_OWN_ERRORS
+        rows = panoramas_of(recent, waiting)
+        found = rows >= 0
+        self._waiting = waiting[~found][-MOST_WAITING:]
+        return self._errors(session, waiting[found], recent["utc_ns"][rows[found]])
+
+    def _has_truth(self, session: SessionData) -> bool:
+        orientation, alignment = session.earth_orientation, session.alignment
+        known = self._truth_is_of
+        if known is None or known[0] is not orientation or known[1] is not alignment:
+            self._truth_is_of, self._truth = (orientation, alignment), own_truth(session)
+        return self._truth is not None
+
+    def _errors(self, session: SessionData, answers: NDArray[np.void], utc_ns: NDArray[np.int64]) -> NDArray[np.void]:
+        rows = np.zeros(len(answers), dtype=OWN_ERROR)
+        rows["utc_ns"], rows["latency_ms"] = utc_ns, answers["latency_ms"]
+        good = np.flatnonzero(answers["acquired"])
+        errors = np.full((len(answers), len(ERRORS)), np.nan)
+        if len(good) and self._truth is not None:
+            measured = measured_rotations(answers[good], utc_ns[good], session.station.sensor.attitude)
+            errors[good] = attitude_errors(measured, self._truth.expected(utc_ns[good]))
+        for name, values in zip(ERRORS[:3], errors.T, strict=False):
+            rows[name] = values
+        rows["d_roll_arcsec"][_lacks_roll(answers["ra_deg"], answers["roll_deg"])] = np.nan
+        return rows[np.argsort(utc_ns, kind="stable")]

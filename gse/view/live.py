@@ -1,7 +1,7 @@
 """Live view of a running session: the glance page, and rerun one click away.
 
-Neither can delay the measurement: both take results behind queues that drop. The glance page works where rerun is
-absent or has died.
+Neither can delay the measurement: the page reads the live state, rerun takes results behind a queue that drops. The
+glance page works where rerun is absent or has died.
 """
 
 import logging
@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Literal, Self
 
 from drivers.chunk import LinkEvent
 from gse.catalog import StarCatalog
-from gse.config.station import Station
 from gse.errors import GseError
 from gse.station.frame_results import FrameResults
 from gse.station.notes import Notes
-from gse.station.session_data import SessionData
 from gse.view.glance import Glance
+from gse.view.live_state import LiveState, SessionSoFar
 from gse.view.server import USUAL_PORT, Content, ViewServer
 from gse.view.viewer import check_rerun, open_native_viewer
 
@@ -30,7 +29,7 @@ ViewMode = Literal["web", "native", "none"]
 
 
 class LiveView:
-    """A view of a running session; a listener and a context manager.
+    """A view of a running session; a display of its ``live`` state, and a context manager.
 
     ``mode`` is ``web`` (pages at ``url``), ``native`` (rerun's own window), or ``none``: then only ``save_rrd`` is
     written. ``bind`` is the address of all servers, ``port`` that of the pages; 0 for the usual or another free one.
@@ -40,7 +39,7 @@ class LiveView:
 
     def __init__(
         self,
-        station: Station,
+        live: LiveState,
         *,
         mode: ViewMode = "web",
         save_rrd: Path | None = None,
@@ -53,8 +52,8 @@ class LiveView:
         metrics: Callable[[], str] = lambda: "",
     ) -> None:
         self.url = self.token = ""
-        self._glance = Glance(station, folder=folder, forecast=forecast)
-        self._feed = _feed(station, mode, save_rrd, catalog, bind, metrics)
+        self._glance = Glance(live, folder=folder, forecast=forecast)
+        self._feed = _feed(live, mode, save_rrd, catalog, bind, metrics)
         self._server: ViewServer | None = None
         if mode == "web":
             self._serve(bind, port, notes)
@@ -82,17 +81,15 @@ class LiveView:
             return
         self.url, self.token = self._server.url, self._server.token
 
-    def on_results(self, results: FrameResults, session: SessionData) -> None:
+    def on_results(self, results: FrameResults, so_far: SessionSoFar) -> None:
         """Show results; dropped where the view is too slow."""
-        self._glance.on_results(results, session)
         if self._feed:
-            self._feed.on_results(results, session)
+            self._feed.on_results(results, so_far)
 
-    def on_event(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent, so_far: SessionSoFar) -> None:
         """Show an event."""
-        self._glance.on_event(event)
         if self._feed:
-            self._feed.on_event(event)
+            self._feed.on_event(event, so_far)
 
     def enter_judging(self) -> None:
         """Show that the session is closed and judged."""
@@ -125,7 +122,7 @@ class LiveView:
 
 
 def _feed(
-    station: Station,
+    live: LiveState,
     mode: ViewMode,
     save_rrd: Path | None,
     catalog: StarCatalog | None,
@@ -138,7 +135,7 @@ def _feed(
         from gse.view.rerun_feed import RerunFeed
 
         feed = RerunFeed(
-            station,
+            live,
             serve=mode == "native",
             pages=mode == "web",
             save_rrd=save_rrd,

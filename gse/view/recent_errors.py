@@ -1,28 +1,36 @@
 """The errors of the last ten minutes in short stretches, for small pictures."""
 
 import math
-from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 STRETCHES = 120
 STRETCH_NS = 5_000_000_000
 
 
+@dataclass(frozen=True, slots=True)
 class RecentErrors:
     """Smallest and largest value of each stretch of five seconds, over ten minutes; a stretch without one is a gap."""
 
-    def __init__(self) -> None:
-        self._stretches: deque[tuple[int, float, float]] = deque(maxlen=STRETCHES)
+    _stretches: tuple[tuple[int, float, float], ...] = ()
 
-    def add(self, utc_ns: int, value: float) -> None:
-        """Add a value; one from before the latest stretch, after a step of the clock, begins anew."""
-        number = utc_ns // STRETCH_NS
-        if self._stretches and number < self._stretches[-1][0]:
-            self._stretches.clear()
-        if self._stretches and self._stretches[-1][0] == number:
-            _, low, high = self._stretches[-1]
-            self._stretches[-1] = number, min(low, value), max(high, value)
-        else:
-            self._stretches.append((number, value, value))
+    def with_errors(self, utc_ns: NDArray[np.int64], values: NDArray[np.float64]) -> "RecentErrors":
+        """These and later ones (N,); one from before the latest stretch, after a step of the clock, begins anew."""
+        numbers = utc_ns // STRETCH_NS
+        begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1)).tolist()
+        stretches = list(self._stretches)
+        for begin, end in list(zip(begins, [*begins[1:], len(values)], strict=True))[-STRETCHES:]:
+            number, of_stretch = int(numbers[begin]), values[begin:end]
+            low, high = float(of_stretch.min()), float(of_stretch.max())
+            if stretches and stretches[-1][0] == number:
+                _, before_low, before_high = stretches.pop()
+                low, high = min(low, before_low), max(high, before_high)
+            elif stretches and number < stretches[-1][0]:
+                stretches.clear()
+            stretches.append((number, low, high))
+        return RecentErrors(tuple(stretches[-STRETCHES:]))
 
     def until(self, utc_ns: int, limit: float) -> list[list[float] | None]:
         """Pairs of smallest and largest value up to an instant, oldest first, in shares of ``limit``."""

@@ -12,30 +12,25 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
 import rerun as rr
 
 from drivers.chunk import LinkEvent
-from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
-from gse.config.station import Station
 from gse.instant import NS_PER_S
 from gse.station.frame_results import FrameResult, FrameResults
-from gse.station.housekeeping import in_words
-from gse.station.results import LinkCounters
-from gse.station.session_data import SessionData
 from gse.view.glance_word import bare_verdict
-from gse.view.own_answers import OwnAnswerErrors
+from gse.view.live_state import LiveState, SessionSoFar
 from gse.view.ports import free_port
 from gse.view.recent import Piece
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
 from gse.view.verdict_text import standing, verdict_at_end, verdict_so_far
-from protocols import StatusMessage
 
 _LOG = logging.getLogger(__name__)
 
@@ -57,11 +52,17 @@ _CLOSE_WITHIN_S = 9.0
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
+    """A result, with the state after all that came with it; ``is_first`` of these."""
+
     frame: FrameResult
-    link: LinkCounters
-    clock: tuple[ClockReading, ...]
-    clock_error_s: float | None
-    status: StatusMessage | None
+    so_far: SessionSoFar
+    is_first: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Happened:
+    event: LinkEvent
+    so_far: SessionSoFar
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +71,11 @@ class _Concluded:
     reasons: tuple[str, ...]
 
 
-_Item = _Shown | LinkEvent | _Concluded
+_Item = _Shown | _Happened | _Concluded
 
 
 class RerunFeed:
-    """rerun's recording of a running session; a context manager.
+    """rerun's recording of a running session; a display of its ``live`` state, and a context manager.
 
     With ``serve`` a window of rerun's own gets the data from rerun's server on ``grpc_port`` of ``bind``; with
     ``pages`` somebody asks for pieces. UsageError where it cannot listen there, or ``save_rrd`` cannot be written.
@@ -82,7 +83,7 @@ class RerunFeed:
 
     def __init__(
         self,
-        station: Station,
+        live: LiveState,
         *,
         serve: bool = True,
         save_rrd: Path | None = None,
@@ -96,9 +97,7 @@ class RerunFeed:
         self.grpc_port = free_port(bind) if serve else 0
         self._given = 0
         self._taken = 0
-        self._readings = 0
         self._concluded = threading.Event()
-        self._own = OwnAnswerErrors(station)
         self._queue: deque[_Item] = deque(maxlen=queue_frames)
         self._closing = threading.Event()
         self._lock = threading.Lock()
@@ -110,22 +109,17 @@ class RerunFeed:
         if serve:
             sinks.append(_server(bind, self.grpc_port))
         self._stream.set_sinks(*sinks)
-        self._thread = threading.Thread(target=self._run, args=(station, catalog), name="live view", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(live, catalog), name="live view", daemon=True)
         self._thread.start()
 
-    def on_results(self, results: FrameResults, session: SessionData) -> None:
-        """Show results with the present link counters and clock; a full queue drops its oldest item."""
-        readings = tuple(session.clock[self._readings :])
-        self._readings += len(readings)
-        status = session.statuses[-1][1] if session.statuses else None
-        for result in results:
-            self._own.take(result, session)
-            self._put(_Shown(result, replace(session.link), readings, session.clock_error_s, status))
-            readings = ()
+    def on_results(self, results: FrameResults, so_far: SessionSoFar) -> None:
+        """Show results; a full queue drops its oldest item."""
+        for number, result in enumerate(results):
+            self._put(_Shown(result, so_far, is_first=number == 0))
 
-    def on_event(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent, so_far: SessionSoFar) -> None:
         """Show an event of the link."""
-        self._put(event)
+        self._put(_Happened(event, so_far))
 
     def hurry(self) -> None:
         """Show the last, incomplete batch at once: the session has ended."""
@@ -170,22 +164,21 @@ class RerunFeed:
     ) -> None:
         self.close()
 
-    def _run(self, station: Station, catalog: StarCatalog | None) -> None:
+    def _run(self, live: LiveState, catalog: StarCatalog | None) -> None:
         try:
-            self._feed(station, catalog)
+            self._feed(live, catalog)
         except Exception as error:
             # An error in the view must not end the session.
             _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
 
-    def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
-        scene = Scene(self._stream, station, catalog, live=True)
+    def _feed(self, live: LiveState, catalog: StarCatalog | None) -> None:
+        scene = Scene(self._stream, live.station, catalog, live=True)
         self._scene = scene
         feed = _SceneFeed(scene, every_picture=self._every_picture, metrics=self._metrics)
         while True:
             last = self._closing.is_set()
             while batch := self._take():
                 with self._lock:
-                    scene.add_own_answers(self._own.errors())
                     feed.add(batch, self.dropped)
                 if any(isinstance(item, _Concluded) for item in batch):
                     self._concluded.set()
@@ -219,52 +212,39 @@ class _SceneFeed:
         self._scene = scene
         self._metrics = metrics
         self._every_picture = every_picture
-        self._link = LinkCounters()
-        self._status: StatusMessage | None = None
-        self._clock: ClockReading | None = None
-        self._clock_error_s: float | None = None
         self._dropped = 0
         self._panel_utc_ns = 0
 
     def add(self, batch: Sequence[_Item], dropped: int) -> None:
-        frames: list[FrameResult] = []
-        clock: list[ClockReading] = []
-        for item in batch:
-            if isinstance(item, _Shown):
-                frames.append(item.frame)
-                clock.extend(item.clock)
-                self._link = item.link
-                self._status = item.status
-                self._clock_error_s = item.clock_error_s
+        states = [item.so_far for item in batch if not isinstance(item, _Concluded)]
+        self._scene.so_far = so_far = states[-1] if states else self._scene.so_far
+        frames = [item.frame for item in batch if isinstance(item, _Shown)]
+        news = [item.so_far for item in batch if isinstance(item, _Shown) and item.is_first]
+        if own_errors := [one.own_errors for one in news if len(one.own_errors)]:
+            self._scene.add_own_answers(np.concatenate(own_errors))
         if frames:
             self._scene.add(frames, pictures=len(frames) if self._every_picture else 1)
         for item in batch:
-            if isinstance(item, LinkEvent):
-                self._scene.running.add_event(item)
-                self._scene.event(item)
+            if isinstance(item, _Happened):
+                self._scene.event(item.event)
             elif isinstance(item, _Concluded):
                 self._conclude(item)
         self._scene.show_log()
-        self._scene.clock(clock)
-        self._clock = clock[-1] if clock else self._clock
+        self._scene.clock([reading for one in news for reading in one.readings])
         self._dropped = dropped
-        running = self._scene.running
-        running.housekeeping = in_words(self._status) if self._status else ""
-        if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
-            self._panel_utc_ns = running.utc_ns
-            self._scene.words(running.utc_ns, self._so_far(), self._metrics())
-            self._scene.stands(running.utc_ns, standing(running, self._link.frames_lost))
+        if so_far.utc_ns - self._panel_utc_ns >= NS_PER_S:
+            self._panel_utc_ns = so_far.utc_ns
+            self._scene.words(so_far.utc_ns, self._so_far(), self._metrics())
+            self._scene.stands(so_far.utc_ns, standing(so_far))
 
     def _so_far(self) -> str:
-        return verdict_so_far(
-            self._scene.running, self._link, self._clock, clock_error_s=self._clock_error_s, dropped=self._dropped
-        )
+        return verdict_so_far(self._scene.so_far, dropped=self._dropped)
 
     def _conclude(self, item: _Concluded) -> None:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
-        self._scene.words(self._scene.running.utc_ns, text, self._metrics())
-        self._scene.stands(self._scene.running.utc_ns, bare_verdict(item.verdict))
+        self._scene.words(self._scene.so_far.utc_ns, text, self._metrics())
+        self._scene.stands(self._scene.so_far.utc_ns, bare_verdict(item.verdict))
 
     def finish(self) -> None:
         self._scene.flush()

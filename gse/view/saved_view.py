@@ -1,6 +1,7 @@
 """Saved view of a session in rerun: the scene of the live view, complete and with the verdict."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,9 @@ from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog
 from gse.errors import UsageError
-from gse.station.own_answers import SensorAnswers
+from gse.station.own_answers import OWN_ERROR, SensorAnswers
 from gse.station.session_data import SessionData
 from gse.view.glance_word import bare_verdict
-from gse.view.own_answers import OWN_ERROR
 from gse.view.scene import Scene
 from gse.view.verdict_text import verdict_at_end, verdict_so_far
 
@@ -46,7 +46,11 @@ def save_view(
 def _fill(
     scene: Scene, session: SessionData, verdict: str, reasons: Sequence[str], own: SensorAnswers | None, metrics: str
 ) -> None:
-    scene.add_own_answers(_own_errors(session, own))
+    own_errors = _own_errors(session, own)
+    clock = session.clock[-1] if session.clock else None
+    begun = replace(scene.so_far, link=session.link, clock=clock, clock_error_s=session.clock_error_s)
+    scene.so_far = begun.with_own(own_errors)
+    scene.add_own_answers(own_errors)
     if len(session.frames):
         scene.add_whole(session.frames, session.events, session.stars.name if session.stars else str)
     else:
@@ -55,8 +59,7 @@ def _fill(
     scene.show_log()
     scene.flush()
     scene.clock(session.clock)
-    clock = session.clock[-1] if session.clock else None
-    text = verdict_so_far(scene.running, session.link, clock, clock_error_s=session.clock_error_s)
+    text = verdict_so_far(scene.so_far)
     scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text), metrics)
     if len(session.frames):
         scene.stands(int(session.frames.columns["utc_ns"][0]), bare_verdict(verdict))

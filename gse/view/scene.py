@@ -24,16 +24,16 @@ from gse.station.frame_table import STATUSES, FrameTable
 from gse.station.results import Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.event_lines import EventLines
-from gse.view.picture import Picture
-from gse.view.recent import Piece, Recent
-from gse.view.running_statistics import (
+from gse.view.live_state import (
     LINK_COLOURS,
     LINK_WORDS,
     SKY_COLOURS,
     SKY_WORDS,
     VERDICT_COLOURS,
-    Running,
+    SessionSoFar,
 )
+from gse.view.picture import Picture
+from gse.view.recent import Piece, Recent
 from gse.view.series import (
     OUTAGE_NS,
     begin_series,
@@ -79,7 +79,7 @@ _COUNTS_LOGGED = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
 class Scene:
-    """A rerun recording that grows with a session; not thread-safe."""
+    """A rerun recording that grows with a session; not thread-safe. ``so_far`` is how the session stands."""
 
     def __init__(
         self, stream: rr.RecordingStream, station: Station, catalog: StarCatalog | None, *, live: bool
@@ -109,7 +109,7 @@ class Scene:
         self._log_number = 0
         self._standing = ""
         self._shows_own = False
-        self.running = Running(station.limits)
+        self.so_far = SessionSoFar(station.limits)
         stream.send_blueprint(self._layout())
         self._begin(stream)
 
@@ -129,7 +129,6 @@ class Scene:
         """Show some frames, in order of time; only the last ``pictures`` of them as panoramas."""
         self._send_pictures(self._stream, frames[-pictures:])
         rows = np.concatenate([frame.row for frame in frames])
-        self.running.add(rows)
         for row, frame in zip(rows, frames, strict=True):
             self._log_change(row, frame.detail)
         self.add_columns(rows)
@@ -155,13 +154,12 @@ class Scene:
         for at_ns, moment in sorted([*moments, *((int(rows["utc_ns"][k]), k) for k in changed)], key=itemgetter(0)):
             if isinstance(moment, LinkEvent):
                 until = max(begin, int(np.searchsorted(rows["utc_ns"], at_ns, "right")))
-                self.running.add(rows[begin:until])
-                self.running.add_event(moment)
+                self.so_far = self.so_far.with_rows(rows[begin:until]).with_event(moment)
                 self.event(moment)
                 begin = until
             else:
                 self._log_change(rows[moment])
-        self.running.add(rows[begin:])
+        self.so_far = self.so_far.with_rows(rows[begin:])
         for first in range(0, len(rows), _ROWS_AT_ONCE):
             self.add_columns(rows[first : first + _ROWS_AT_ONCE])
         shown = rows[:: frames.picture_stride]
@@ -176,7 +174,6 @@ class Scene:
         """Show errors of the sensor's own answers, rows of OWN_ERROR."""
         if not len(errors):
             return
-        self.running.add_own(errors)
         if self._live:
             self._own.add(self._next(), int(errors["utc_ns"][-1]), errors.copy())
         send_own_answers(self._stream, errors)
@@ -217,7 +214,7 @@ class Scene:
             columns = np.concatenate(frames)
             send_series(stream, columns, self._station.limits)
             send_sky(stream, columns, self._picture.camera)
-            send_scatter(stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
+            send_scatter(stream, columns, self._station.limits, (self.so_far.d_ra, self.so_far.d_de))
         if outages := self._outages.after(after):
             send_outages(stream, np.concatenate(outages), self._station.limits)
         if own := self._own.after(after):
@@ -257,7 +254,7 @@ class Scene:
         self._track = []
         self._lay_out(columns)
         send_sky(self._stream, columns, self._picture.camera)
-        send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
+        send_scatter(self._stream, columns, self._station.limits, (self.so_far.d_ra, self.so_far.d_de))
 
     def _log_change(self, row: np.void, detail: str = "") -> None:
         """A cloud gives ten unidentified frames a second: only the first and the last are logged."""
@@ -282,7 +279,7 @@ class Scene:
         narrows = self._live and self._window_s is None and age_s > LIVE_WINDOW_S
         if narrows:
             self._window_s = LIVE_WINDOW_S
-        begins_own = self.running.own_d_ra.n > 0 and not self._shows_own
+        begins_own = self.so_far.own_d_ra.n > 0 and not self._shows_own
         self._shows_own |= begins_own
         if aims or narrows or begins_own:
             self._laid_out = self._next()

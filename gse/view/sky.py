@@ -14,7 +14,7 @@ from gse.drawing.outline import field_outline_sensor
 from gse.drawing.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
 from gse.limits import Limits
-from gse.view.running_statistics import Moments
+from gse.view.live_state import ErrorsSoFar
 from gse.view.series import EDGE, times
 
 MAX_CATALOG_STARS = 5000
@@ -118,7 +118,7 @@ def begin_scatter(stream: rr.RecordingStream, limits: Limits) -> None:
 
 
 def send_scatter(
-    stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits, moments: tuple[Moments, Moments]
+    stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits, errors: tuple[ErrorsSoFar, ErrorsSoFar]
 ) -> None:
     """dRA* to the right and dDE upwards of some frames, with the rings of ``spread`` (1 and 3 sigma) about the mean."""
     found = columns[np.isfinite(columns["d_ra_cosde_arcsec"])]
@@ -131,16 +131,16 @@ def send_scatter(
     points = np.round(np.clip(xy, -edge, edge), 3).astype(np.float32)
     rows = rr.Points2D.columns(positions=points).partition(lengths)
     stream.send_columns("/scatter/points", [times(found["utc_ns"][ends])], rows)
-    rings = sigma_rings(*moments)
+    rings = sigma_rings(*errors)
     if rings:
         at = times(found["utc_ns"][:1])
         columns = rr.LineStrips2D.columns(strips=[ring.astype(np.float32) for ring in rings])
         stream.send_columns("/scatter/rings", [at], columns.partition([len(rings)]))
-        label = f"sigma {moments[0].std:.1f} x {moments[1].std:.1f}; rings: 1, 3 sigma"
+        label = f"sigma {errors[0].std:.1f} x {errors[1].std:.1f}; rings: 1, 3 sigma"
         stream.send_columns("/scatter/sigma", [at], rr.Points2D.columns(labels=[label]).partition([1]))
 
 
-def sigma_rings(d_ra: Moments, d_de: Moments) -> list[NDArray[np.float64]]:
+def sigma_rings(d_ra: ErrorsSoFar, d_de: ErrorsSoFar) -> list[NDArray[np.float64]]:
     """Ellipses of 1 and 3 standard deviations about the mean, dDE upwards; none for fewer than two values."""
     if d_ra.n < 2:
         return []

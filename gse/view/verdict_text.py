@@ -3,49 +3,42 @@
 import math
 
 from drivers.clock import ClockReading
-from gse.station.results import LinkCounters
+from gse.station.housekeeping import in_words
 from gse.view.glance_word import bare_verdict
-from gse.view.running_statistics import Moments, Running
+from gse.view.live_state import ErrorsSoFar, SessionSoFar
 
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 
 
-def verdict_so_far(
-    running: Running,
-    link: LinkCounters,
-    clock: ClockReading | None = None,
-    *,
-    clock_error_s: float | None = None,
-    dropped: int = 0,
-) -> str:
+def verdict_so_far(so_far: SessionSoFar, *, dropped: int = 0) -> str:
     """Markdown on a running session; ``dropped`` counts frames that the slow view did not show."""
-    limits, last = running.limits, running.last
-    share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
+    limits, last, link, clock = so_far.limits, so_far.last, so_far.link, so_far.clock
+    share = so_far.inside / so_far.d_ra.n if so_far.d_ra.n else math.nan
     lines = [
-        f"# {headline(running, link.frames_lost)}",
-        f"**{running.frames}** frames, **{percent(running.identified)}** identified, "
+        f"# {headline(so_far)}",
+        f"**{so_far.frames}** frames, **{percent(so_far.identified)}** identified, "
         f"**{percent(share)}** of these inside the limits",
         "",
         "| arcsec | last | mean | std | NEA | limit |",
         "|---|---|---|---|---|---|",
-        _row("dRA*", last.d_ra_cosde_arcsec if last else None, running.d_ra, limits.d_ra_cosde_arcsec),
-        _row("dDE", last.d_de_arcsec if last else None, running.d_de, limits.d_de_arcsec),
-        *_own_rows(running),
+        _row("dRA*", last.d_ra_cosde_arcsec if last else None, so_far.d_ra, limits.d_ra_cosde_arcsec),
+        _row("dDE", last.d_de_arcsec if last else None, so_far.d_de, limits.d_de_arcsec),
+        *_own_rows(so_far),
         "",
-        *(f"- {status}: {count}" for status, count in sorted(running.by_status.items())),
-        f"- false answers, onboard: {running.false_answers}",
+        *(f"- {status}: {count}" for status, count in sorted(so_far.by_status.items())),
+        f"- false answers, onboard: {so_far.false_answers}",
         f"- frames lost: {_loud(link.frames_lost)}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
         f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
     ]
-    if running.housekeeping:
-        lines.append(f"- sensor: {running.housekeeping}")
-    if running.sky:
-        lines.append(f"- sky: **{running.sky}**: {running.sky_text}")
+    if so_far.status and (housekeeping := in_words(so_far.status)):
+        lines.append(f"- sensor: {housekeeping}")
+    if so_far.sky:
+        lines.append(f"- sky: **{so_far.sky}**: {so_far.sky_text}")
     if clock is not None:
         source = f"{clock.source}, " if clock.synchronised else ""
-        lines.append(f"- clock: {source}{clock_health(clock, clock_error_s)}")
-    if not math.isnan(running.frames_per_s):
-        lines.append(f"- {running.frames_per_s:.1f} frames per second")
+        lines.append(f"- clock: {source}{clock_health(clock, so_far.clock_error_s)}")
+    if not math.isnan(so_far.frames_per_s):
+        lines.append(f"- {so_far.frames_per_s:.1f} frames per second")
     if dropped:
         lines.append(f"- **not shown here: {dropped}** (the view was too slow; the session has them)")
     return "\n".join(lines)
@@ -59,44 +52,44 @@ def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
     )
 
 
-def headline(running: Running, lost: int) -> str:
-    """State of a running session in a few words; ``lost`` counts frames that never came."""
-    if not running.frames:
+def headline(so_far: SessionSoFar) -> str:
+    """State of a running session in a few words."""
+    if not so_far.frames:
         return "Waiting for frames"
-    if running.silence:
-        return f"Running: {running.silence}"
-    if not running.d_ra.n:
+    if so_far.silence:
+        return f"Running: {so_far.silence}"
+    if not so_far.d_ra.n:
         return "Running: nothing compared yet"
-    outside = running.outside(lost)
+    outside = so_far.outside
     return f"Running: OUTSIDE the limits: {', '.join(outside)}" if outside else "Running: inside the limits"
 
 
-def standing(running: Running, lost: int) -> str:
+def standing(so_far: SessionSoFar) -> str:
     """The same in a word of VERDICT_COLOURS; empty before the first frame."""
-    if not running.frames:
+    if not so_far.frames:
         return ""
-    if running.silence or not running.d_ra.n:
+    if so_far.silence or not so_far.d_ra.n:
         return "no answer"
-    return "OUTSIDE" if running.outside(lost) else "inside"
+    return "OUTSIDE" if so_far.outside else "inside"
 
 
 def _loud(count: int) -> str:
     return f"**{count}**" if count else "0"
 
 
-def _own_rows(running: Running) -> list[str]:
+def _own_rows(so_far: SessionSoFar) -> list[str]:
     """Rows of the sensor's own answers, where it sends some."""
-    limits = running.limits
+    limits = so_far.limits
     axes = (
-        ("sensor dRA*", running.own_d_ra, limits.d_ra_cosde_arcsec),
-        ("sensor dDE", running.own_d_de, limits.d_de_arcsec),
+        ("sensor dRA*", so_far.own_d_ra, limits.d_ra_cosde_arcsec),
+        ("sensor dDE", so_far.own_d_de, limits.d_de_arcsec),
     )
     return [_row(name, axis.last, axis, limit) for name, axis, limit in axes if axis.n]
 
 
-def _row(name: str, last: float | None, moments: Moments, limit: float) -> str:
-    signed = (last, moments.mean if moments.n else None)
-    cells = [*map(arcsec, signed), *(arcsec(size, "") for size in (moments.std, moments.nea))]
+def _row(name: str, last: float | None, errors: ErrorsSoFar, limit: float) -> str:
+    signed = (last, errors.mean if errors.n else None)
+    cells = [*map(arcsec, signed), *(arcsec(size, "") for size in (errors.std, errors.nea))]
     return f"| {name} | {' | '.join(cells)} | {limit:g} |"
 
 

@@ -13,6 +13,7 @@ from gse.errors import UsageError
 from gse.sessions.note_files import collect_notes, leave_note
 from gse.sessions.status_file import StatusFile, read_status
 from gse.station.notes import Notes
+from gse.view.live_state import LiveState
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def folder(tmp_path: Path, notes: Notes) -> Iterator[Path]:
     folder = tmp_path / "20260320T183000Z-sensor"
     folder.mkdir()
     (folder / "session.mcap").touch()
-    status = StatusFile(folder, parse_station(BUILT_IN_TEXT), notes)
+    status = StatusFile(folder, LiveState(parse_station(BUILT_IN_TEXT)), notes)
     status.enter("running")
     while (found := read_status(folder)) is None or found["state"] != "running":
         pass
@@ -43,7 +44,7 @@ def test_a_note_reaches_the_running_session_and_leaves_no_file(folder: Path, not
 
 
 def test_a_session_that_has_ended_takes_no_note(folder: Path, notes: Notes) -> None:
-    status = StatusFile(folder, parse_station(BUILT_IN_TEXT), notes)
+    status = StatusFile(folder, LiveState(parse_station(BUILT_IN_TEXT)), notes)
     status.close(0)
     while (found := read_status(folder)) is None or found["state"] != "ended":
         pass

@@ -10,6 +10,7 @@ from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, Message
 from gse.sessions.replay import replay_session
 from gse.view.glance import Glance
+from gse.view.live_state import LiveState
 
 SCENARIO = """\
 text: A sensor of quaternions only.
@@ -51,8 +52,9 @@ def test_the_glance_page_has_its_errors_and_no_stars(session):
     pages = []
 
     def listeners(loop, folder):
-        pages.append(Glance(loop.session.station))
-        return pages
+        live = LiveState(loop.session.station)
+        pages.append(Glance(live))
+        return [live]
 
     last_ns = int(replay_session(session, make_listeners=listeners).session.frames.columns["utc_ns"][-1])
     now = ClockReading(last_ns, 10**9, "ntp", True, 0.0, 0.01)

@@ -19,6 +19,7 @@ from gse.recording.recorder import Recorder
 from gse.sessions.status_document import read_status
 from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, session_folders
 from gse.station.notes import Notes
+from gse.view.live_state import LiveState
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_the_status_is_renewed_until_the_session_has_ended(folder: Path) -> None:
-    status_file = StatusFile(folder, parse_station(BUILT_IN_TEXT), Notes())
+    status_file = StatusFile(folder, LiveState(parse_station(BUILT_IN_TEXT)), Notes())
     status_file.enter("running")
     while (status := read_status(folder)) is None or status["state"] != "running":
         pass
@@ -50,9 +51,10 @@ def test_the_last_answer_is_the_latest_of_its_block_and_stays_while_none_comes(f
     made.link.frames_lost = 4
     answered = [frame(START_NS + k * instant.NS_PER_S, k, NONE) for k in range(25)]
     results = results_of([*answered, *(unanswered(k) for k in range(25, 30))])
-    status_file = StatusFile(folder, made.station, Notes())
+    live = LiveState(made.station)
+    status_file = StatusFile(folder, live, Notes())
     for begin, end in ((0, 20), (20, 28), (28, 30)):
-        status_file.on_results(results.part(begin, end), made)
+        live.on_results(results.part(begin, end), made)
     status_file.close(5)
     status = read_status(folder)
     assert status is not None

@@ -21,6 +21,7 @@ from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.live import LiveView
+from gse.view.live_state import LiveState
 from gse.view.saved_view import save_view
 from gse.view.server import Content, ViewServer
 
@@ -36,16 +37,16 @@ def visit() -> Iterator[Visits]:
 
 
 @contextmanager
-def sent_again_and_again(view: LiveView) -> Iterator[None]:
+def sent_again_and_again(live: LiveState) -> Iterator[None]:
     """Frames keep coming while the page is looked at, as on the roof."""
     session = synthetic_night(20)
     ended = threading.Event()
 
     def send() -> None:
         for event in session.events:
-            view.on_event(event)
+            live.on_event(event)
         for frame in synthetic_frames(FRAMES):
-            view.on_results(results_of([frame]), session)
+            live.on_results(results_of([frame]), session)
         ended.wait()
 
     sender = threading.Thread(target=send)
@@ -92,8 +93,9 @@ def missing_in_the_end(page) -> list[str]:
 
 
 def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine(visit: Visits) -> None:
-    station = synthetic_night(1).station
-    with LiveView(station, mode="web", catalog=small_catalog()) as view, sent_again_and_again(view), visit() as seen:
+    live = LiveState(synthetic_night(1).station)
+    view = live.add(LiveView(live, mode="web", catalog=small_catalog()))
+    with view, sent_again_and_again(live), visit() as seen:
         seen.page.goto(view.url + "rerun")
         assert missing_in_the_end(seen.page) == []
         assert seen.hosts() == {"127.0.0.1"}
@@ -141,9 +143,10 @@ THEMES = ("", "red,large")
 
 def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request(visit: Visits) -> None:
     session = synthetic_night(20)
-    glance = Glance(session.station)
+    live = LiveState(session.station)
+    glance = Glance(live)
     for frame in synthetic_frames(20, trouble=False):
-        glance.on_results(results_of([frame]), session)
+        live.on_results(results_of([frame]), session)
     with ViewServer("127.0.0.1", 0, Content(glance=glance)) as server, visit() as seen:
         for size, theme in itertools.product(SIZES.values(), THEMES):
             seen.page.goto("about:blank")

@@ -16,7 +16,7 @@ from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from gse.attitude import Attitude
-from gse.instant import NS_PER_S, to_text
+from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.event_kinds import StationKind
@@ -28,8 +28,9 @@ from gse.view.blueprint import _reach
 from gse.view.dawn import NextDawn, next_dawn_ns
 from gse.view.event_lines import EventLines
 from gse.view.focus import focus_of
-from gse.view.glance import QUEUE_ITEMS, Glance
+from gse.view.glance import Glance
 from gse.view.glance_word import Facts, Level, Phase, word_of
+from gse.view.live_state import LiveState
 from gse.view.mount_turn import mount_turn
 from gse.view.recent_errors import STRETCH_NS, STRETCHES, RecentErrors
 
@@ -107,7 +108,8 @@ def clock_at(seconds: float) -> ClockReading:
 
 def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
     session = synthetic_night(20)
-    glance = Glance(session.station)
+    live = LiveState(session.station)
+    glance = Glance(live)
 
     def word(seconds: float) -> str:
         glance.absorb(clock_at(seconds))
@@ -115,18 +117,18 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
 
     assert word(0) == "WAITING"
     assert glance.document(clock_at(0))["since_answer_s"] is None
-    glance.on_event(LinkEvent(START_NS, 0, LinkKind.STREAMING, "valid frames come"))
+    live.on_event(LinkEvent(START_NS, 0, LinkKind.STREAMING, "valid frames come"))
     for frame in synthetic_frames(40, trouble=False):
-        glance.on_results(results_of([frame]), session)
+        live.on_results(results_of([frame]), session)
     assert word(4) == "OK"
     document = glance.document(clock_at(4))
-    assert document["frames"] == 20
+    assert document["frames"] == 40
     assert document["stars"]["objects"] == len(frame.panorama.brightness)
     assert document["axes"][0]["name"] == "dRA*"
     assert not document["axes"][0]["outside"]
     assert word(10) == "NO ANSWER 6 s"
     for kind in (LinkKind.LOST, LinkKind.NO_PORT):
-        glance.on_event(LinkEvent(START_NS, 0, kind, "the port is gone"))
+        live.on_event(LinkEvent(START_NS, 0, kind, "the port is gone"))
     assert word(11) == "LINK LOST"
     assert sum("is gone" in line for line in glance.document(clock_at(11))["events"]) == 1
     glance.enter_judging()
@@ -139,9 +141,10 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
 
 def test_a_session_without_an_answer_has_no_last_one_to_its_end() -> None:
     session = synthetic_night(20)
-    glance = Glance(session.station)
+    live = LiveState(session.station)
+    glance = Glance(live)
     for frame in synthetic_frames(40, trouble=False):
-        glance.on_results(results_of([replace(frame, status=Status.TOO_FEW, attitude=None)]), session)
+        live.on_results(results_of([replace(frame, status=Status.TOO_FEW, attitude=None)]), session)
     glance.absorb(clock_at(4))
     assert glance.document(clock_at(4))["since_answer_s"] is None
     glance.conclude("INCONCLUSIVE", ())
@@ -150,25 +153,14 @@ def test_a_session_without_an_answer_has_no_last_one_to_its_end() -> None:
 
 def test_the_last_page_has_the_time_from_the_last_answer_to_the_last_frame() -> None:
     session = synthetic_night(20)
-    glance = Glance(session.station)
+    live = LiveState(session.station)
+    glance = Glance(live)
     for number, frame in enumerate(synthetic_frames(40, trouble=False)):
         lacks = {} if number <= 30 else {"status": Status.TOO_FEW, "attitude": None}
-        glance.on_results(results_of([replace(frame, **lacks)]), session)
+        live.on_results(results_of([replace(frame, **lacks)]), session)
     glance.absorb(clock_at(4))
     glance.conclude("INCONCLUSIVE", ())
     assert glance.document(clock_at(60))["since_answer_s"] == 0.9
-
-
-def test_what_nobody_takes_is_dropped_oldest_first_and_the_newest_is_shown() -> None:
-    session = synthetic_night(20)
-    glance = Glance(session.station)
-    (frame,) = synthetic_frames(1)
-    for number in range(QUEUE_ITEMS + 100):
-        panorama = replace(frame.panorama, utc_ns=START_NS + number * NS_PER_S // 10)
-        glance.on_results(results_of([replace(frame, panorama=panorama)]), session)
-    glance.absorb(clock_at(0))
-    shown = glance.document(clock_at(0))["data_utc"]
-    assert shown == to_text(START_NS + (QUEUE_ITEMS + 99) * NS_PER_S // 10, 3)
 
 
 DIRECTIONS = st.floats(0, 360, exclude_max=True)
@@ -258,10 +250,12 @@ def test_the_page_gets_angles_and_the_directions_of_positive_ones() -> None:
     assert document["text"] == str(turn)
 
 
-def test_ten_minutes_of_errors_keep_their_extremes_and_their_gaps() -> None:
+@pytest.mark.parametrize("parts", [1, 3, 6])
+def test_ten_minutes_of_errors_keep_their_extremes_and_their_gaps(parts: int) -> None:
+    seconds, errors = np.array([0, 1, 2, 20, 3000, 3600]), np.array([6.0, -12.0, 3.0, 90.0, 1.0, 30.0])
     recent = RecentErrors()
-    for second, value in ((0, 6.0), (1, -12.0), (2, 3.0), (20, 90.0), (3000, 1.0), (3600, 30.0)):
-        recent.add(second * NS_PER_S, value)
+    for part in np.array_split(np.arange(6), parts):
+        recent = recent.with_errors(seconds[part] * NS_PER_S, errors[part])
     shown = recent.until(3600 * NS_PER_S, 60.0)
     assert len(shown) == STRETCHES
     assert shown[-1] == [0.5, 0.5]

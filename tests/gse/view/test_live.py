@@ -19,6 +19,7 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 
 from gse.errors import GseError
 from gse.view.live import LiveView
+from gse.view.live_state import LiveState
 from gse.view.ports import free_port
 from gse.view.rerun_feed import RerunFeed
 from gse.view.server import Content, ViewServer
@@ -55,11 +56,12 @@ def ended_view_threads() -> bool:
 
 def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    with LiveView(session.station, mode="none", save_rrd=path, catalog=small_catalog()) as view:
+    live = LiveState(session.station)
+    with live.add(LiveView(live, mode="none", save_rrd=path, catalog=small_catalog())) as view:
         for event in session.events:
-            view.on_event(event)
+            live.on_event(event)
         for frame in frames:
-            view.on_results(results_of([frame]), session)
+            live.on_results(results_of([frame]), session)
         view.conclude("PASS", ["all limits are kept"])
     rows = rows_of(path)
     assert view.dropped == 0
@@ -72,8 +74,9 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
 
 def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    with RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=10) as view:
-        view.on_results(results_of(frames), session)
+    live = LiveState(session.station)
+    with live.add(RerunFeed(live, serve=False, save_rrd=path, queue_frames=10)) as view:
+        live.on_results(results_of(frames), session)
     shown = len(moving(rows_of(path)["/d_ra/value"]))
     assert view.dropped > 0
     assert shown + view.dropped == FRAMES
@@ -81,18 +84,20 @@ def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, se
 
 def test_what_was_dropped_is_told_in_the_panel(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    view = RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=5)
+    live = LiveState(session.station)
+    view = live.add(RerunFeed(live, serve=False, save_rrd=path, queue_frames=5))
     for frame in frames:
-        view.on_results(results_of([frame]), session)
+        live.on_results(results_of([frame]), session)
     view.close()
     assert "not shown here:" in moving(rows_of(path)["/verdict"])[-1]["TextDocument:text"][0]
 
 
 def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames, session) -> None:
-    with LiveView(session.station, mode="web") as view:
+    live = LiveState(session.station)
+    with live.add(LiveView(live, mode="web")) as view:
         assert view.url.startswith("http://127.0.0.1:")
         for frame in frames:
-            view.on_results(results_of([frame]), session)
+            live.on_results(results_of([frame]), session)
     assert view.dropped == 0
     assert ended_view_threads()
 
@@ -113,9 +118,10 @@ def test_a_view_that_breaks_ends_with_one_line_and_the_session_goes_on(
     frames, session, caplog: pytest.LogCaptureFixture
 ) -> None:
     wrong = replace(frames[0], panorama=replace(frames[0].panorama, xy_px=frames[0].panorama.xy_px[:3]))
-    with LiveView(session.station, mode="none") as view:
-        view.on_results(results_of([wrong]), session)
-        view.on_results(results_of([frames[1]]), session)
+    live = LiveState(session.station)
+    with live.add(LiveView(live, mode="none")):
+        live.on_results(results_of([wrong]), session)
+        live.on_results(results_of([frames[1]]), session)
     (record,) = caplog.records
     assert record.getMessage().startswith("the live view has ended")
     assert record.getMessage().endswith("the session goes on")
@@ -129,12 +135,14 @@ def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
     with ViewServer("127.0.0.1", 0, Content()) as page:
         port = page.port
         for mode in ("native", "web"):
-            with LiveView(session.station, mode=mode, port=port) as view:
-                view.on_results(results_of([frames[0]]), session)
+            live = LiveState(session.station)
+            with live.add(LiveView(live, mode=mode, port=port)) as view:
+                live.on_results(results_of([frames[0]]), session)
             assert view.url == ""
     for mode in ("native", "web"):
-        with LiveView(session.station, mode=mode, bind="192.0.2.1") as view:
-            view.on_results(results_of([frames[0]]), session)
+        live = LiveState(session.station)
+        with live.add(LiveView(live, mode=mode, bind="192.0.2.1")) as view:
+            live.on_results(results_of([frames[0]]), session)
     native, web, rerun_elsewhere, elsewhere = (record.getMessage() for record in caplog.records)
     assert "no view in rerun: cannot serve on 192.0.2.1" in rerun_elsewhere
     assert "there is no screen for a window here" in native
@@ -146,7 +154,8 @@ def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc/net/tcp to see the viewer connect")
 @pytest.mark.parametrize("harm", [signal.SIGSTOP, signal.SIGKILL], ids=["frozen", "killed"])
 def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, session, harm: signal.Signals) -> None:
-    view = RerunFeed(session.station)
+    live = LiveState(session.station)
+    view = live.add(RerunFeed(live))
     data = f"rerun+http://127.0.0.1:{view.grpc_port}/proxy"
     viewer = subprocess.Popen(
         [str(rerun_program()), "--headless", "--connect", data, "--port", "auto"],
@@ -156,12 +165,12 @@ def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, session, har
     )
     try:
         for frame in frames[:100]:
-            view.on_results(results_of([frame]), session)
+            live.on_results(results_of([frame]), session)
         wait_until_connected(view.grpc_port)
         viewer.send_signal(harm)
         for _ in range(5):
             for frame in frames:
-                view.on_results(results_of([frame]), session)
+                live.on_results(results_of([frame]), session)
         closer = threading.Thread(target=view.close)
         closer.start()
         closer.join(PATIENCE_S)
@@ -268,14 +277,15 @@ def wait_for_frames(view: LiveView, frames: list, path: Path) -> tuple[dict[str,
 def test_a_page_that_comes_late_gets_the_past_in_one_piece_and_then_only_what_is_new(
     frames, session, tmp_path: Path
 ) -> None:
-    with LiveView(session.station, mode="web", port=free_port("127.0.0.1"), catalog=small_catalog()) as view:
+    live = LiveState(session.station)
+    with live.add(LiveView(live, mode="web", port=free_port("127.0.0.1"), catalog=small_catalog())) as view:
         for event in session.events:
-            view.on_event(event)
+            live.on_event(event)
         for frame in frames[:200]:
-            view.on_results(results_of([frame]), session)
+            live.on_results(results_of([frame]), session)
         first, place = wait_for_frames(view, frames[:200], tmp_path / "first.rrd")
         for frame in frames[200:]:
-            view.on_results(results_of([frame]), session)
+            live.on_results(results_of([frame]), session)
         view.conclude("PASS", ["all limits are kept"])
         last, _, utc_ns = piece_of(view, place, tmp_path / "last.rrd", last="1")
         again, place, _ = piece_of(view, "another-recording.7", tmp_path / "again.rrd")
@@ -294,8 +304,9 @@ def test_a_page_that_comes_late_gets_the_past_in_one_piece_and_then_only_what_is
 def test_the_layout_comes_before_all_data_or_else_the_viewer_shows_its_own_and_tells_no_time(
     frames, session, tmp_path: Path
 ) -> None:
-    with LiveView(session.station, mode="web", port=free_port("127.0.0.1")) as view:
-        view.on_results(results_of(frames[:20]), session)
+    live = LiveState(session.station)
+    with live.add(LiveView(live, mode="web", port=free_port("127.0.0.1"))) as view:
+        live.on_results(results_of(frames[:20]), session)
         rows, _ = wait_for_frames(view, frames[:20], tmp_path / "first.rrd")
         for _ in range(12):  # what rerun sends beside it came first in one of five
             piece_of(view, "", tmp_path / "piece.rrd")
@@ -306,6 +317,7 @@ def test_the_layout_comes_before_all_data_or_else_the_viewer_shows_its_own_and_t
 
 @pytest.mark.parametrize("place", ["7", "../x.1", "a.b", "a." + "9" * 20])
 def test_a_place_that_no_piece_stated_is_refused(session, place: str) -> None:
-    view = LiveView(session.station, mode="web", port=free_port("127.0.0.1"))
+    live = LiveState(session.station)
+    view = live.add(LiveView(live, mode="web", port=free_port("127.0.0.1")))
     with view, pytest.raises(urllib.error.HTTPError, match="404"):
         urllib.request.urlopen(f"{view.url}piece.rrd?after={place}", timeout=PATIENCE_S)

@@ -20,6 +20,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
 from gse.view.glance import Glance
+from gse.view.live_state import LiveState
 from gse.view.server import _SHOW_VERDICT_S, MOST_BROWSERS, Content, ViewServer
 
 MOST_PAGE_BYTES = 100_000
@@ -31,8 +32,13 @@ def notes() -> Notes:
 
 
 @pytest.fixture
-def glance() -> Glance:
-    return Glance(synthetic_night(1).station)
+def live() -> LiveState:
+    return LiveState(synthetic_night(1).station)
+
+
+@pytest.fixture
+def glance(live: LiveState) -> Glance:
+    return Glance(live)
 
 
 @pytest.fixture
@@ -102,7 +108,7 @@ def test_a_page_of_less_than_a_hundred_kilobytes_that_names_no_other_machine(ser
 
 
 def test_a_browser_that_falls_asleep_gets_the_newest_document_when_it_asks_again(
-    server: ViewServer, glance: Glance
+    server: ViewServer, live: LiveState
 ) -> None:
     session = synthetic_night(20)
 
@@ -110,7 +116,7 @@ def test_a_browser_that_falls_asleep_gets_the_newest_document_when_it_asks_again
         socket = await browser(server)
         first = json.loads(str(await socket.read_message()))
         for frame in synthetic_frames(20):
-            glance.on_results(results_of([frame]), session)
+            live.on_results(results_of([frame]), session)
         others = await documents(server, 3)  # meanwhile another browser gets several
         await socket.write_message("next")
         second = json.loads(str(await socket.read_message()))

@@ -1,5 +1,6 @@
 """Live errors of the sensor's own answers: those that the report has, as they come."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,43 +9,43 @@ from devices.rerun_recording import moving, rows_of
 
 from drivers.clock import ClockReading
 from gse.sessions.replay import replay_session
-from gse.station.own_answers import sensor_answers
+from gse.station.attitude_table import AttitudeTable
+from gse.station.frame_table import FrameTable
+from gse.station.own_answers import NewOwnErrors, sensor_answers
 from gse.view.glance import Glance
-from gse.view.own_answers import OwnAnswerErrors
+from gse.view.live_state import LiveState
 from gse.view.rerun_feed import RerunFeed
 
 SESSION = Path(__file__).parents[3] / "replays" / "golden" / "own-answers.mcap"
 
 
 class Taken:
-    """A listener that takes the errors of the own answers every ten frames."""
+    """A display that keeps the errors of the own answers."""
 
-    def __init__(self, station) -> None:
-        self.own = OwnAnswerErrors(station)
+    def __init__(self) -> None:
         self.parts = []
 
-    def on_results(self, results, session) -> None:
-        for result in results:
-            self.own.take(result, session)
-            if result.panorama.frame_no % 10 == 0:
-                self.parts.append(self.own.errors())
+    def on_results(self, results, so_far) -> None:
+        self.parts.append(so_far.own_errors)
 
-    def on_event(self, event) -> None:
+    def on_event(self, event, so_far) -> None:
         pass
 
 
 @pytest.fixture(scope="module")
 def watched(tmp_path_factory):
     """The session, its live errors, the rows of its rerun recording, and its glance page."""
-    path, listeners = tmp_path_factory.mktemp("view") / "session.rrd", []
+    path, shown = tmp_path_factory.mktemp("view") / "session.rrd", []
 
     def listeners_of(loop, _):
-        station = loop.setup.station
-        listeners.extend([Taken(station), RerunFeed(station, serve=False, save_rrd=path), Glance(station)])
-        return listeners
+        live = LiveState(loop.setup.station)
+        loop.most_at_once = 7
+        feed = live.add(RerunFeed(live, serve=False, save_rrd=path))
+        shown.extend([live.add(Taken()), feed, Glance(live)])
+        return [live]
 
     session = replay_session(SESSION, make_listeners=listeners_of).session
-    taken, feed, glance = listeners
+    taken, feed, glance = shown
     feed.close()
     glance.absorb(ClockReading(0, 0, "kernel PLL", True, 0.0, 0.01))
     document = glance.document(ClockReading(0, 0, "kernel PLL", True, 0.0, 0.01))
@@ -60,6 +61,22 @@ def test_live_errors_are_those_of_the_report(watched):
     for name in ("d_ra_cosde_arcsec", "d_de_arcsec", "d_roll_arcsec", "latency_ms"):
         assert np.allclose(live[name], getattr(judged, name)[rows], rtol=0, atol=1e-6, equal_nan=True), name
     assert np.isfinite(live["d_ra_cosde_arcsec"]).sum() > 0.9 * len(live)
+
+
+@pytest.mark.parametrize("ahead", [-3, 0, 3])
+def test_an_answer_finds_its_panorama_whichever_of_them_comes_first(watched, ahead):
+    session, _, _, _ = watched
+    frames, answers = session.frames.columns.rows(), session.sensor_attitudes.columns
+    growing, new = replace(session, frames=FrameTable()), NewOwnErrors()
+    parts = []
+    for k in range(-3, 63):  # the last answers come after the last panorama, or the other way round
+        if 0 <= k < 60:
+            growing.frames.extend(frames[k : k + 1].copy(), session.frames.matches[:0], session.frames.others[:0])
+        growing.sensor_attitudes = AttitudeTable.of(answers[: max(0, min(k + 1 + ahead, 60))])
+        parts.append(new.take(growing))
+    found, judged = np.concatenate(parts), sensor_answers(session)
+    assert found["utc_ns"].tolist() == frames["utc_ns"][:60].tolist()
+    assert np.array_equal(found["d_de_arcsec"], judged.d_de_arcsec[:60], equal_nan=True)
 
 
 def test_rerun_has_a_series_of_the_sensor_beside_that_of_the_panoramas(watched):

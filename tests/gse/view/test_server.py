@@ -11,6 +11,7 @@ from skies.synthetic_night import synthetic_night
 
 from gse.view.glance import Glance
 from gse.view.host_names import names_of_machine
+from gse.view.live_state import LiveState
 from gse.view.server import Content, ViewServer
 
 
@@ -75,7 +76,7 @@ def test_two_hosts_or_none_are_refused(page: ViewServer) -> None:
 
 @pytest.mark.parametrize("host", ["127.0.0.1:{port}", "localhost:{port}", "[::1]:9000", "localhost:9000", "127.0.0.1"])
 def test_its_own_names_are_answered_at_any_port_with_the_policy_of_that_name(host: str) -> None:
-    with ViewServer("127.0.0.1", 0, Content(glance=Glance(synthetic_night(1).station))) as page:
+    with ViewServer("127.0.0.1", 0, Content(glance=Glance(LiveState(synthetic_night(1).station)))) as page:
         name = host.format(port=page.port)
         status, headers, _ = ask(page, name, path="/")
     assert status == 200

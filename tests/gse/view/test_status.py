@@ -14,9 +14,9 @@ from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
+from gse.station.own_answers import OWN_ERROR
 from gse.station.results import AnswerCheck, LinkCounters, Status
-from gse.view.own_answers import OWN_ERROR
-from gse.view.running_statistics import Moments, Running
+from gse.view.live_state import ErrorsSoFar, LiveState, SessionSoFar
 from gse.view.status import StatusLine
 from gse.view.verdict_text import verdict_so_far
 
@@ -25,11 +25,12 @@ def told(session, frames, *, folder: Path | None = None, terminal: bool = False,
     """All that a status line writes about some frames."""
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=terminal, width=width, highlight=False)
-    with StatusLine(session.station, folder, console) as status:
+    live = LiveState(session.station)
+    with live.add(StatusLine(live, folder, console)):
         for event in session.events:
-            status.on_event(event)
+            live.on_event(event)
         if shown := list(frames):
-            status.on_results(results_of(shown), session)
+            live.on_results(results_of(shown), session)
     return screen.getvalue()
 
 
@@ -82,10 +83,10 @@ def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(ses
     lines = [line for line in told(session, clouded).splitlines() if "identified" in line]
     assert ["NO ANSWER" in line for line in lines] == [False, True, True, False]
     assert "NO ANSWER for 12 s, " in lines[2]
-    running = Running(session.station.limits)
+    so_far = SessionSoFar(session.station.limits)
     for frame in clouded[:150]:
-        running.add(results_of([frame]).rows)
-    assert verdict_so_far(running, session.link).startswith("# Running: NO ANSWER for 7 s, ")
+        so_far = so_far.with_rows(results_of([frame]).rows)
+    assert verdict_so_far(so_far).startswith("# Running: NO ANSWER for 7 s, ")
 
 
 def test_lost_frames_stand_beside_those_that_came(session) -> None:
@@ -97,11 +98,12 @@ def test_lost_frames_stand_beside_those_that_came(session) -> None:
 
 def test_a_replay_says_how_far_it_is_beside_what_it_shows(session) -> None:
     console = Console(file=io.StringIO(), width=80)
-    status = StatusLine(session.station, None, console, progress=lambda: "43 % done, 12 s left")
+    live = LiveState(session.station)
+    status = StatusLine(live, None, console, progress=lambda: "43 % done, 12 s left")
     for event in session.events:
-        status.on_event(event)
-    status.on_event(LinkEvent(0, 0, LinkKind.STREAMING, "valid frames come"))
-    status.on_results(results_of(list(synthetic_frames(301, trouble=False))), session)
+        live.on_event(event)
+    live.on_event(LinkEvent(0, 0, LinkKind.STREAMING, "valid frames come"))
+    live.on_results(results_of(list(synthetic_frames(301, trouble=False))), session)
     line = status.line().plain
     assert len(line) <= 80
     for words in ("43 % done, 12 s left", "100.0 % identified", "dRA*", "dDE"):
@@ -115,7 +117,7 @@ def test_an_unsynchronised_clock_is_shouted(session) -> None:
 
 def test_the_verdict_panel_says_once_that_the_clock_is_not_synchronised(session) -> None:
     reading = ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)
-    text = verdict_so_far(Running(session.station.limits), session.link, reading)
+    text = verdict_so_far(SessionSoFar(session.station.limits, clock=reading))
     assert "- clock: NOT synchronised" in text.splitlines()
 
 
@@ -134,66 +136,66 @@ def test_on_a_terminal_the_line_is_renewed_and_taken_away(session) -> None:
 
 
 def test_before_the_first_frame_nothing_is_claimed(session) -> None:
-    line = StatusLine(session.station).line().plain
+    line = StatusLine(LiveState(session.station)).line().plain
     assert line == "no link  0 frames  - identified  dRA* -  dDE -  NEA -, - arcsec  clock not read"
 
 
-def test_moments_are_those_of_numpy() -> None:
+def test_mean_and_spread_so_far_are_those_of_numpy() -> None:
     values = [1.0, 4.0, -2.0, 7.5]
-    moments = Moments()
-    moments.add(np.array(values[:1]))
-    moments.add(np.array(values[1:]))
-    assert moments.mean == pytest.approx(2.625)
-    assert moments.std == pytest.approx(np.std(values, ddof=1))
-    assert moments.nea == pytest.approx(((9 + 36 + 90.25) / 6) ** 0.5)
+    instants = np.arange(4)
+    first = ErrorsSoFar().with_errors(instants[:1], np.array(values[:1]))
+    errors = first.with_errors(instants[1:], np.array(values[1:]))
+    assert errors.mean == pytest.approx(2.625)
+    assert errors.std == pytest.approx(np.std(values, ddof=1))
+    assert errors.nea == pytest.approx(((9 + 36 + 90.25) / 6) ** 0.5)
 
 
 def test_running_figures_count_answers_limits_and_false_ones(session) -> None:
-    running = Running(session.station.limits)
+    so_far = SessionSoFar(session.station.limits)
     frames = list(synthetic_frames(422))
     for frame in frames:
-        running.add(results_of([frame]).rows)
-    assert running.frames == 422
-    assert running.identified == pytest.approx(1 - 8 / 422)
-    assert running.d_ra.n - running.inside == 2
-    assert running.false_answers == sum(frame.answer_check is AnswerCheck.FALSE for frame in frames) == 0
-    assert running.frames_per_s == pytest.approx(10)
+        so_far = so_far.with_rows(results_of([frame]).rows)
+    assert so_far.frames == 422
+    assert so_far.identified == pytest.approx(1 - 8 / 422)
+    assert so_far.d_ra.n - so_far.inside == 2
+    assert so_far.false_answers == sum(frame.answer_check is AnswerCheck.FALSE for frame in frames) == 0
+    assert so_far.frames_per_s == pytest.approx(10)
 
 
 @pytest.mark.parametrize("batch", [1, 30])
 def test_frames_without_sky_do_not_count_as_missing_answers(session, batch: int) -> None:
-    running = Running(session.station.limits)
+    so_far = SessionSoFar(session.station.limits)
     frames = [
         replace(frame, status=Status.TOO_FEW, attitude_error=None) if 60 <= number < 360 else frame
         for number, frame in enumerate(synthetic_frames(600, trouble=False))
     ]
     for first in range(0, len(frames), batch):
         if first == 120:  # the sky is found out seconds after it has gone, and after it has come back
-            running.add_event(LinkEvent(0, 0, StationKind.NO_STARS, "lens cap"))
-            assert running.outside(0) == ("availability 50.0 % (limit 95 %)",), "six seconds are no stretch yet"
+            so_far = so_far.with_event(LinkEvent(0, 0, StationKind.NO_STARS, "lens cap"))
+            assert so_far.outside == ("availability 50.0 % (limit 95 %)",), "six seconds are no stretch yet"
         if first == 390:
-            running.add_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
-        running.add(results_of(frames[first : first + batch]).rows)
-    assert running.without_sky == 300
-    assert running.identified == 1
-    assert running.outside(0) == ()
+            so_far = so_far.with_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
+        so_far = so_far.with_rows(results_of(frames[first : first + batch]).rows)
+    assert so_far.without_sky == 300
+    assert so_far.identified == 1
+    assert so_far.outside == ()
 
 
 def test_frames_without_an_answer_below_a_clear_sky_count(session) -> None:
-    running = Running(session.station.limits)
+    so_far = SessionSoFar(session.station.limits)
     frames = list(synthetic_frames(200, trouble=False))
     failing = [replace(frame, status=Status.TOO_FEW, attitude_error=None) for frame in frames[100:]]
-    running.add_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
-    running.add(results_of([*frames[:100], *failing]).rows)
-    assert running.outside(0) == ("availability 50.0 % (limit 95 %)",)
+    so_far = so_far.with_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
+    so_far = so_far.with_rows(results_of([*frames[:100], *failing]).rows)
+    assert so_far.outside == ("availability 50.0 % (limit 95 %)",)
 
 
 def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identified(session) -> None:
-    running = Running(session.station.limits)
+    so_far = SessionSoFar(session.station.limits)
     for frame in synthetic_frames(90, trouble=False):
-        running.add(results_of([frame]).rows)
-    assert verdict_so_far(running, LinkCounters()).startswith("# Running: inside the limits")
-    text = verdict_so_far(running, LinkCounters(frames_lost=10))
+        so_far = so_far.with_rows(results_of([frame]).rows)
+    assert verdict_so_far(so_far).startswith("# Running: inside the limits")
+    text = verdict_so_far(replace(so_far, link=LinkCounters(frames_lost=10)))
     assert text.startswith("# Running: OUTSIDE the limits")
     assert "frames lost: **10**" in text
 
@@ -207,9 +209,8 @@ def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identi
     ],
 )
 def test_either_axis_of_the_sensors_own_answers_is_held_against_its_limit(d_ra_arcsec, d_de_arcsec, words):
-    running = Running(Limits())
+    so_far = SessionSoFar(Limits())
     errors = np.zeros(5, dtype=OWN_ERROR)
     errors["d_ra_cosde_arcsec"], errors["d_de_arcsec"] = d_ra_arcsec, d_de_arcsec
     errors["d_ra_cosde_arcsec"][2] = errors["d_de_arcsec"][2] = np.nan
-    running.add_own(errors)
-    assert running.outside(0) == words
+    assert so_far.with_own(errors).outside == words
