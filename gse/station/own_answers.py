@@ -19,7 +19,7 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_errors
-from gse.station.attitude_table import ANGLES, OWN_ANSWER, QUATERNION
+from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
@@ -62,9 +62,11 @@ def measured_rotations(
     angles = np.column_stack([answers[name] for name in ANGLES])
     by_angle = np.isfinite(angles[:, :2]).all(axis=1)
     read = np.empty((len(answers), 3, 3))
-    read[by_angle] = read_angles(angles[by_angle], convention)
-    quaternions = np.column_stack([answers[name][~by_angle] for name in QUATERNION])
-    read[~by_angle] = read_quaternions(quaternions, convention)
+    if by_angle.any():
+        read[by_angle] = read_angles(angles[by_angle], convention)
+    if not by_angle.all():
+        quaternions = np.column_stack([answers[name][~by_angle] for name in QUATERNION])
+        read[~by_angle] = read_quaternions(quaternions, convention)
     return read @ icrs_to_frame(convention.frame, utc_ns)
 
 
@@ -284,7 +286,7 @@ class NewOwnErrors:
     def __init__(self) -> None:
         self._truth: OwnAnswerTruth | None = None
         self._truth_is_of: tuple[EarthOrientation | None, Alignment | None] | None = None
-        self._waiting = np.empty(0, OWN_ANSWER)
+        self._waiting = np.empty(0, dtype=np.int64)
         self._taken = self._seen = self._compared_from = 0
 
     def take(self, session: SessionData) -> NDArray[np.void]:
@@ -293,15 +295,15 @@ class NewOwnErrors:
         if session.subject is Subject.SENSOR or not self._has_truth(session):
             self._seen = self._compared_from = len(frames)
             return NO_OWN_ERRORS
-        waiting = np.concatenate([self._waiting, answers[self._taken :]])
+        waiting = np.append(self._waiting, np.arange(self._taken, len(answers)))
         recent = frames[max(self._seen - MOST_BEHIND, self._compared_from) :]
         self._taken, self._seen = len(answers), len(frames)
         if not len(waiting):
             return NO_OWN_ERRORS
-        rows = panoramas_of(recent, waiting)
+        rows = panoramas_of(recent, answers[waiting])
         found = rows >= 0
         self._waiting = waiting[~found][-MOST_WAITING:]
-        return self._errors(session, waiting[found], recent["utc_ns"][rows[found]])
+        return self._errors(session, answers[waiting[found]], recent["utc_ns"][rows[found]])
 
     def _has_truth(self, session: SessionData) -> bool:
         orientation, alignment = session.earth_orientation, session.alignment

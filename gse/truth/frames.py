@@ -1,5 +1,7 @@
 """Reference frames in which sensors state RA and DE: rotations from ICRS axes."""
 
+import functools
+
 import erfa
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,8 @@ from gse.instant import NS_PER_S, to_julian_date
 
 _CELL_NS = 300 * NS_PER_S
 """Precession and nutation move by 0.0005 arcsec in this time."""
+_CELLS_KEPT = 1024
+"""Of three days: a live session asks for the same one with each answer, and it takes 0.1 ms."""
 
 _J2000_TT = 2_451_545.0, 0.0
 _J2000_TO_B1950 = np.array(
@@ -34,5 +38,11 @@ def icrs_to_frame(frame: ReferenceFrame, utc_ns: NDArray[np.int64]) -> NDArray[n
     if frame == "J2000":
         return np.broadcast_to(erfa.ufunc.bp06(*_J2000_TT)[0], (len(utc_ns), 3, 3))
     cells, place = np.unique(utc_ns // _CELL_NS, return_inverse=True)
-    of_cells = [erfa.ufunc.pnm06a(*to_julian_date(cell * _CELL_NS + _CELL_NS // 2)) for cell in cells.tolist()]
+    of_cells = [_icrs_to_date(cell) for cell in cells.tolist()]
     return np.asarray(of_cells, dtype=np.float64).reshape(-1, 3, 3)[place]
+
+
+@functools.lru_cache(_CELLS_KEPT)
+def _icrs_to_date(cell: int) -> NDArray[np.float64]:
+    rotation: NDArray[np.float64] = erfa.ufunc.pnm06a(*to_julian_date(cell * _CELL_NS + _CELL_NS // 2))
+    return rotation

@@ -220,8 +220,8 @@ class SessionSoFar:
     _silence: _Silence = field(default_factory=_Silence)
     _recent_utc_ns: tuple[int, ...] = ()
 
-    def with_rows(self, rows: NDArray[np.void]) -> Self:
-        """After more frames, rows of FRAME."""
+    def with_rows(self, rows: NDArray[np.void], latest: NewResults | None = None) -> Self:
+        """After more frames, rows of FRAME; ``latest`` holds their results, where somebody shows the last of them."""
         if not len(rows):
             return self
         utc_ns = rows["utc_ns"].tolist()
@@ -240,7 +240,8 @@ class SessionSoFar:
             d_ra=self.d_ra.with_errors(compared["utc_ns"], d_ra),
             d_de=self.d_de.with_errors(compared["utc_ns"], d_de),
             inside=self.inside + int(np.count_nonzero(inside)),
-            last=AttitudeError(*compared[list(ERRORS)][-1].tolist()) if len(compared) else self.last,
+            last=AttitudeError(*(float(compared[name][-1]) for name in ERRORS)) if len(compared) else self.last,
+            latest=latest,
             first_utc_ns=self.first_utc_ns or utc_ns[0],
             utc_ns=utc_ns[-1],
             answered_utc_ns=int(answered["utc_ns"][-1]) if len(answered) else self.answered_utc_ns,
@@ -382,11 +383,12 @@ class LiveState:
         """Take results, and what the session has learnt beside them."""
         own_errors = self._own.take(session)
         so_far = self._beside(session, own_errors).with_own(own_errors)
-        for part in self._parts(results):
-            self.so_far = replace(so_far.with_rows(part.rows), latest=part)
+        for number, part in enumerate(self._parts(results)):
+            if number:
+                so_far = replace(so_far, readings=(), own_errors=NO_OWN_ERRORS)
+            self.so_far = so_far = so_far.with_rows(part.rows, part)
             for display in self._displays:
-                display.on_results(part, self.so_far)
-            so_far = replace(self.so_far, readings=(), own_errors=NO_OWN_ERRORS)
+                display.on_results(part, so_far)
 
     def _beside(self, session: SessionData, own_errors: NDArray[np.void]) -> SessionSoFar:
         readings = tuple(session.clock[self._readings :])

@@ -18,18 +18,15 @@ class RecentErrors:
 
     def with_errors(self, utc_ns: NDArray[np.int64], values: NDArray[np.float64]) -> "RecentErrors":
         """These and later ones (N,); one from before the latest stretch, after a step of the clock, begins anew."""
-        numbers = utc_ns // STRETCH_NS
-        begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1)).tolist()
         stretches = list(self._stretches)
-        for begin, end in list(zip(begins, [*begins[1:], len(values)], strict=True))[-STRETCHES:]:
-            number, of_stretch = int(numbers[begin]), values[begin:end]
-            low, high = float(of_stretch.min()), float(of_stretch.max())
+        for number, value in zip((utc_ns // STRETCH_NS).tolist(), values.tolist(), strict=True):
             if stretches and stretches[-1][0] == number:
-                _, before_low, before_high = stretches.pop()
-                low, high = min(low, before_low), max(high, before_high)
-            elif stretches and number < stretches[-1][0]:
+                _, low, high = stretches[-1]
+                stretches[-1] = number, min(low, value), max(high, value)
+                continue
+            if stretches and number < stretches[-1][0]:
                 stretches.clear()
-            stretches.append((number, low, high))
+            stretches.append((number, value, value))
         return RecentErrors(tuple(stretches[-STRETCHES:]))
 
     def until(self, utc_ns: int, limit: float) -> list[list[float] | None]:
