@@ -220,7 +220,7 @@ class SessionSoFar:
     _silence: _Silence = field(default_factory=_Silence)
     _recent_utc_ns: tuple[int, ...] = ()
 
-    def with_rows(self, rows: NDArray[np.void], latest: NewResults | None = None) -> Self:
+    def with_rows(self, rows: NDArray[np.void], latest: FrameResults | None = None) -> Self:
         """After more frames, rows of FRAME; ``latest`` holds their results, where somebody shows the last of them."""
         if not len(rows):
             return self

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from skies.one_by_one import results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
@@ -13,7 +14,6 @@ from gse.instant import NS_PER_S
 from gse.sessions.replay import replay_session
 from gse.sessions.status_file import StatusFile
 from gse.station.event_kinds import StationKind
-from gse.station.frame_results import NewResults
 from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.live_state import STATE_EVERY_NS, LiveState
@@ -45,7 +45,7 @@ def test_a_state_that_was_read_stays_as_it_was_while_more_comes() -> None:
     shown = []
     for number, frame in enumerate(synthetic_frames(60)):
         live.on_event(LinkEvent(0, 0, LinkKind.STREAMING, f"event {number}"))
-        live.on_results(NewResults.of([frame]), session)
+        live.on_results(results_of([frame]), session)
         session.link.frames_lost += 1
         shown += [verdict_so_far(state) + str(state.events) for state in kept.states[-2:]]
     assert [verdict_so_far(state) + str(state.events) for state in kept.states] == shown
@@ -56,7 +56,7 @@ def test_a_long_batch_is_cut_so_that_no_state_is_far_behind() -> None:
     session = synthetic_night(20)
     live = LiveState(session.station)
     kept = live.add(States())
-    live.on_results(NewResults.of(list(synthetic_frames(301, trouble=False))), session)
+    live.on_results(results_of(list(synthetic_frames(301, trouble=False))), session)
     assert [state.frames for state in kept.states] == [1, 101, 201, 301]
     assert np.diff(kept.last_ns).max() <= STATE_EVERY_NS + NS_PER_S // 10
     assert [state.utc_ns for state in kept.states] == kept.last_ns
@@ -66,7 +66,7 @@ def test_what_came_with_the_results_is_in_one_state_only() -> None:
     session = synthetic_night(20)
     live = LiveState(session.station)
     kept = live.add(States())
-    live.on_results(NewResults.of(list(synthetic_frames(150, trouble=False))), session)
+    live.on_results(results_of(list(synthetic_frames(150, trouble=False))), session)
     live.on_event(LinkEvent(0, 0, StationKind.NOTE, "lens cap off"))
     assert [len(state.readings) for state in kept.states] == [len(session.clock), 0, 0, 0]
 
