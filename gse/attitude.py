@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gse.davenport import attitude_covariance, davenport
+from gse.matrices import length, product
 from gse.process.jit import compiled
 
 
@@ -154,11 +155,11 @@ def paper_mean(attitude: Attitude, directions_sensor: NDArray[np.float64], stars
     """
     measured, stars = _rows_of_three(directions_sensor), _rows_of_three(stars_icrs)
     boresight = np.array([0.0, 0.0, 1.0])
-    centres_sensor = _turned(boresight, measured, stars @ attitude.icrs_to_sensor.T)
+    centres_sensor = _turned(boresight, measured, product(stars, attitude.icrs_to_sensor.T))
     mean = centres_sensor.sum(axis=0)
-    mean /= np.linalg.norm(mean)
+    mean /= length(mean)
     to_mean = np.array([_turned(axis, mean[None], boresight[None])[0] for axis in np.eye(3)]).T
-    return Attitude(to_mean @ attitude.icrs_to_sensor, attitude.covariance_rad2)
+    return Attitude(product(to_mean, attitude.icrs_to_sensor), attitude.covariance_rad2)
 
 
 def _turned(vector: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -166,7 +167,7 @@ def _turned(vector: NDArray[np.float64], start: NDArray[np.float64], end: NDArra
     axis = np.cross(start, end)
     cosine = (start * end).sum(axis=1)[:, None]
     turned: NDArray[np.float64] = (
-        cosine * vector + np.cross(axis, vector) + axis * (axis @ vector)[:, None] / (1.0 + cosine)
+        cosine * vector + np.cross(axis, vector) + axis * product(axis, vector)[:, None] / (1.0 + cosine)
     )
     return turned
 

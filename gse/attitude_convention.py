@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import det, product
+
 ReferenceFrame = Literal["ICRS", "J2000", "date", "B1950"]
 """Axes of RA and DE: ICRS, mean equator and equinox of J2000.0, true ones of date, or mean ones of B1950.0 (FK4)."""
 
@@ -41,7 +43,7 @@ class AttitudeConvention:
     def __post_init__(self) -> None:
         if self.roll_zero_deg not in ROLL_ZEROS_DEG:
             raise ValueError(f"roll_zero_deg is {self.roll_zero_deg}: expected 0, 90, 180 or 270")
-        handed = {key: np.linalg.det(axes_matrix(getattr(self, key), key)) for key in ("body_axes", "reference_axes")}
+        handed = {key: det(axes_matrix(getattr(self, key), key)) for key in ("body_axes", "reference_axes")}
         if handed["body_axes"] * handed["reference_axes"] < 0:
             raise ValueError(
                 f"body_axes {self.body_axes!r} and reference_axes {self.reference_axes!r}: one is mirrored and the "
@@ -68,7 +70,7 @@ def proper_axes() -> dict[str, NDArray[np.float64]]:
         for signs in itertools.product(("", "-"), repeat=3):
             words = " ".join(sign + axis for sign, axis in zip(signs, order, strict=True))
             matrix = axes_matrix(words)
-            if np.linalg.det(matrix) > 0:
+            if det(matrix) > 0:
                 found[words] = matrix
     return found
 
@@ -131,12 +133,12 @@ def read_angles(angles_deg: NDArray[np.float64], convention: AttitudeConvention)
 def read_quaternions(quaternions: NDArray[np.float64], convention: AttitudeConvention) -> NDArray[np.float64]:
     """Rotations (M, 3, 3) from the axes of ``convention.frame`` to the sensor, of quaternions (M, 4) as they came."""
     stated = from_quaternions(quaternions, scalar=convention.scalar, conjugate=convention.conjugate)
-    return np.asarray(axes_matrix(convention.body_axes).T @ stated @ axes_matrix(convention.reference_axes))
+    return np.asarray(product(axes_matrix(convention.body_axes).T, stated, axes_matrix(convention.reference_axes)))
 
 
 def state_quaternions(rotations: NDArray[np.float64], convention: AttitudeConvention) -> NDArray[np.float64]:
     """The inverse of ``read_quaternions``: the numbers (M, 4) that a sensor with this convention sends."""
-    stated = axes_matrix(convention.body_axes) @ rotations @ axes_matrix(convention.reference_axes).T
+    stated = product(axes_matrix(convention.body_axes), rotations, axes_matrix(convention.reference_axes).T)
     if convention.conjugate:
         stated = stated.transpose(0, 2, 1)
     last = to_quaternions(stated)

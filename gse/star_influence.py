@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import cholesky, eigh, inv, product
+
 _MIN_STARS = 3
 """Two stars' residuals tell nothing across the line between them."""
 _UNKNOWNS_OF_A_FRAME = 1.5
@@ -62,7 +64,7 @@ class FrameFits:
         few = np.bincount(place) < _MIN_STARS
         fisher = _fisher(directions_sensor, place, len(numbers))
         fisher[few] = np.eye(3)
-        inverse = np.asarray(np.linalg.inv(fisher), dtype=np.float64)
+        inverse = np.asarray(inv(fisher), dtype=np.float64)
         inverse[few] = 0.0
         return cls(numbers, place, directions_sensor, inverse)
 
@@ -71,7 +73,9 @@ class FrameFits:
 
         The rotation is of the measured attitude, in the sensor frame.
         """
-        return np.asarray(self.inverse.take(self.place, axis=0) @ _turns(self.directions_sensor), dtype=np.float64)
+        return np.asarray(
+            product(self.inverse.take(self.place, axis=0), _turns(self.directions_sensor)), dtype=np.float64
+        )
 
     def turns(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
         """The small rotations (L, 3, ...) of the frames that errors (N, 2, ...) of all stars make together."""
@@ -81,7 +85,7 @@ class FrameFits:
             out = -(x * along + y * across) / z
             moments = y * out - z * across, z * along - x * out, x * across - y * along
             sums.append([np.bincount(self.place, weights=moment) for moment in moments])
-        return np.asarray((self.inverse @ np.array(sums).transpose(2, 1, 0)).reshape(-1, 3, *errors.shape[2:]))
+        return np.asarray(product(self.inverse, np.array(sums).transpose(2, 1, 0)).reshape(-1, 3, *errors.shape[2:]))
 
 
 def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -109,7 +113,7 @@ def taken_by_fit(
     count = np.bincount(place)
     fisher = _fisher(directions_sensor, place, len(count))
     fisher[count < _MIN_STARS] = np.eye(3)
-    root = np.linalg.cholesky(np.linalg.inv(fisher))
+    root = cholesky(inv(fisher))
     turned = np.einsum("nij,nj->ni", _turns(directions_sensor), operators)
     return np.asarray(np.einsum("nij,ni->nj", root.take(place, axis=0), turned), dtype=np.float64)
 
@@ -144,18 +148,18 @@ def star_covariance(
     for rows in groups:
         lags = np.abs(cells.block[rows][:, None] - cells.block[rows])
         for axis in (0, 1):
-            between += sums[rows, :, axis].T @ autocovariance[axis][lags] @ sums[rows, :, axis]
+            between += product(sums[rows, :, axis].T, autocovariance[axis][lags], sums[rows, :, axis])
     return _not_negative(between, within) + (within if within_blocks else 0.0)
 
 
 def _not_negative(matrix: NDArray[np.float64], unit: NDArray[np.float64]) -> NDArray[np.float64]:
     """A symmetric matrix (p, p) without its negative part, in coordinates in which ``unit`` is one."""
-    values, vectors = np.linalg.eigh(unit)
+    values, vectors = eigh(unit)
     scale = np.sqrt(np.maximum(values, values[-1] * 1e-24 + 1e-300))
     into = vectors / scale
-    values, turned = np.linalg.eigh(into.T @ matrix @ into)
-    back = (vectors * scale) @ turned
-    return np.asarray((back * np.maximum(values, 0)) @ back.T, dtype=np.float64)
+    values, turned = eigh(product(into.T, matrix, into))
+    back = product(vectors * scale, turned)
+    return np.asarray(product(back * np.maximum(values, 0), back.T), dtype=np.float64)
 
 
 def _autocovariance(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gse.assessment.requirements import REQUIREMENTS
 from gse.assessment.uncounted import uncounted
 from gse.constants import ARCSEC_PER_RAD
+from gse.matrices import length
 from gse.mount import Mount, MountUncertainty
 from gse.station.exclusions import Cause, excluded
 from gse.station.session_data import SessionData
@@ -105,7 +106,7 @@ def _other_mount(session: SessionData) -> Iterator[str]:
     if alignment is None or not stated.stated:
         return
     turn = small_rotations(horizon_to_sensor(alignment.mount)[None], horizon_to_sensor(stated))[0]
-    apart_deg = math.degrees(float(np.linalg.norm(turn)))
+    apart_deg = math.degrees(length(turn))
     if apart_deg > OTHER_MOUNT_DEG or _beyond_stated(turn, stated):
         apart = f"{apart_deg:.1f} deg" if apart_deg > 0.1 else f"{apart_deg * 3600:.0f} arcsec"
         yield (

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrik, betaincinv, ndtr, ndtri
 
 from gse.limits import Decision
+from gse.matrices import straight_line
 from gse.statistics.decision import Outcome, Row, Share, share_of, share_outcome
 from gse.statistics.guard_band import COVERAGE_FACTOR, further_share
 from gse.statistics.sampling import MIN_FRAMES, error_bounds
@@ -88,7 +89,7 @@ def _settled(n_eff: float, expected: Expected, limit_arcsec: float, truth_arcsec
         made = _simulate(expected, length, SETTLING_SESSIONS)
         shares.append(float(_passes(made.values, made.guards, limit_arcsec, truth_arcsec).mean()))
     least = 0.5 / SETTLING_SESSIONS
-    slope, at = np.polyfit(np.log(lengths), ndtri(np.clip(shares, least, 1 - least)), 1)
+    slope, at = straight_line(np.log(lengths), ndtri(np.clip(shares, least, 1 - least)))
     asked = math.exp((float(ndtri(PROBABILITY)) - at) / slope) if slope > 0 else n_eff
     return min(max(asked, n_eff), float(lengths[-1]))
 

@@ -13,6 +13,7 @@ import numpy as np
 from gse.axis import AXES
 from gse.budget.truth_sensitivity import LARGEST_STEP_ARCSEC, ChangedTruth, Vector, scaled, together
 from gse.budget.uncertainty import TO_STANDARD, Distribution, Term
+from gse.matrices import eigh
 from gse.mount import Mount
 from gse.truth import Alignment
 
@@ -59,7 +60,7 @@ def fitted_mount(alignment: Alignment, at: ChangedTruth) -> Term:
     known = bool(np.isfinite(covariance).all())
     vectors: list[Vector] = [(math.inf, math.inf, math.inf)]
     if known:
-        values, directions = np.linalg.eigh(covariance)
+        values, directions = eigh(covariance)
         turns = np.sqrt(np.maximum(values, 0.0))[:, None] * directions.T
         vectors = [at.turned(turn) for turn in turns]
     blocks = int((alignment.until_ns - alignment.from_ns) / 1e9 / _BLOCK_S) + 1

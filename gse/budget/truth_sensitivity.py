@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.matrices import length, product
 from gse.mount import Mount
 from gse.site import Site
 from gse.station.attitude_error import attitude_error
@@ -58,13 +59,13 @@ class ChangedTruth:
         azimuth = math.radians(azimuth_deg)
         about = np.array([math.sin(azimuth), math.cos(azimuth), 0.0])
         turn = erfa.rv2m(-about * arcsec * ARCSEC_RAD)  # ERFA's turns the axes, not what they see
-        rotation = horizon_to_sensor(self._mount) @ turn @ self._truth.icrs_to_horizon(self._utc_ns)
+        rotation = product(horizon_to_sensor(self._mount), turn, self._truth.icrs_to_horizon(self._utc_ns))
         return _error(self._attitude, Attitude(rotation, np.zeros((3, 3))))
 
     def turned(self, rotation_arcsec: NDArray[np.float64]) -> Vector:
         """By how much the error changes where the mount is turned by a small rotation vector in the sensor frame."""
         turn = erfa.rv2m(-rotation_arcsec * ARCSEC_RAD)
-        return _error(self._attitude, Attitude(turn @ self._attitude.icrs_to_sensor, np.zeros((3, 3))))
+        return _error(self._attitude, Attitude(product(turn, self._attitude.icrs_to_sensor), np.zeros((3, 3))))
 
     def without(self, correction: str) -> float:
         """The size of a correction of the frame, in arcsec, found by leaving it out."""
@@ -75,7 +76,7 @@ class ChangedTruth:
         """The size of a correction of the stars, in arcsec, at the boresight."""
         star = self._attitude.boresight_icrs[None]
         bare = SiderealTruth(self._site, self._orientation, {correction}).apparent(star, self._utc_ns)
-        return float(np.linalg.norm(bare - self._truth.apparent(star, self._utc_ns))) * ARCSEC_PER_RAD
+        return length(bare - self._truth.apparent(star, self._utc_ns)) * ARCSEC_PER_RAD
 
     def about_the_pole(self, seconds: float) -> Vector:
         """By how much the error changes with time: the sky turns about the pole."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from gse.attitude import solve_attitudes
 from gse.camera import Camera
 from gse.errors import UsageError
+from gse.matrices import inv, product, solve
 from gse.star_influence import star_covariance
 
 MIN_STARS = 50
@@ -138,7 +139,7 @@ def _fitted(camera: Camera, anchor: Camera, fields: Sequence[StarField], prior: 
 
 def _chi_square(change: NDArray[np.float64], covariance: NDArray[np.float64], places: list[int]) -> float:
     part = change[places]
-    return float(part @ np.linalg.solve(covariance[np.ix_(places, places)], part))
+    return float(product(part, solve(covariance[np.ix_(places, places)], part)))
 
 
 def _attitudes(camera: Camera, fields: Sequence[StarField]) -> NDArray[np.float64]:
@@ -224,14 +225,16 @@ def _improve(fit: _Fit, anchor: Camera, fields: Sequence[StarField], prior: NDAr
     by_camera, weight = by_all[:, :, :count], _weight(residual, _sigma_axis_px(residual))
     rotation_normal, cross = _of_attitudes(by_rotation, by_camera, weight, place)
     rotation_right = -_summed(np.einsum("n,nki,nk->ni", weight, by_rotation, residual), place)
-    eliminated = np.linalg.solve(rotation_normal, np.concatenate([cross, rotation_right[:, :, None]], axis=2))
+    eliminated = solve(rotation_normal, np.concatenate([cross, rotation_right[:, :, None]], axis=2))
     flat, flat_cross = by_camera.reshape(-1, count), cross.reshape(-1, count)
     weighted = np.repeat(weight, 2)[:, None] * flat
-    normal = np.diag(prior) + weighted.T @ flat - flat_cross.T @ eliminated[:, :, :count].reshape(-1, count)
+    normal = (
+        np.diag(prior) + product(weighted.T, flat) - product(flat_cross.T, eliminated[:, :, :count].reshape(-1, count))
+    )
     right = prior * (_parameters(anchor) - _parameters(camera))[:count]
-    right = right - weighted.T @ residual.ravel() - flat_cross.T @ eliminated[:, :, count].ravel()
-    step = np.linalg.solve(normal, right)
-    turned = _turned(fit.rotations, eliminated[:, :, count] - eliminated[:, :, :count] @ step)
+    right = right - product(weighted.T, residual.ravel()) - product(flat_cross.T, eliminated[:, :, count].ravel())
+    step = solve(normal, right)
+    turned = _turned(fit.rotations, eliminated[:, :, count] - product(eliminated[:, :, :count], step))
     half = camera.columns / 2
     reach = np.array([half / camera.focal_length_px, 1, 1, half, half, 3 * half, 3 * half])[:count]
     moved = _parameters(camera)
@@ -247,7 +250,7 @@ def _of_attitudes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Of each panorama: the normal matrix of its attitude (P, 3, 3), and of that and the camera (P, 3, K)."""
     weighted = (weight[:, None, None] * by_rotation).transpose(0, 2, 1)
-    return _summed(weighted @ by_rotation, place), _summed(weighted @ by_camera, place)
+    return _summed(product(weighted, by_rotation), place), _summed(product(weighted, by_camera), place)
 
 
 def _covariance(fit: _Fit, fields: Sequence[StarField]) -> NDArray[np.float64]:
@@ -258,14 +261,14 @@ def _covariance(fit: _Fit, fields: Sequence[StarField]) -> NDArray[np.float64]:
     by_camera, sigma = by_all[:, :, : len(normal)], _sigma_axis_px(residual)
     weight = _weight(residual, sigma)
     rotation_normal, cross = _of_attitudes(by_rotation, by_camera, weight, place)
-    operators = (by_camera - by_rotation @ np.linalg.solve(rotation_normal, cross)[place]).transpose(0, 2, 1)
+    operators = (by_camera - product(by_rotation, solve(rotation_normal, cross)[place])).transpose(0, 2, 1)
     softness = [_softness(residual[place == panorama], sigma) for panorama in range(len(fields))]
     summed = star_covariance(operators, weight[:, None] * residual, stars.numbers, place, within_blocks=True)
     # What the fit takes out of the residuals: its parameters from all stars, three angles from each panorama.
     different, per_panorama = len(np.unique(stars.numbers)), len(place) / len(fields)
     left = (1 - 1.5 / per_panorama) * (1 - len(normal) / 2 / different)
-    inverse = np.linalg.inv(normal) / (float(np.concatenate(softness).mean()) * left)
-    return np.asarray(inverse @ summed @ inverse, dtype=np.float64)
+    inverse = inv(normal) / (float(np.concatenate(softness).mean()) * left)
+    return np.asarray(product(inverse, summed, inverse), dtype=np.float64)
 
 
 def _softness(residual: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:
@@ -285,8 +288,8 @@ def _turned(rotations: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[
     none = np.zeros_like(x)
     cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(*by.shape, 3)
     turns_by = np.linalg.norm(by, axis=-1)[..., None, None] / np.pi
-    turn = np.eye(3) + np.sinc(turns_by) * cross + np.sinc(turns_by / 2) ** 2 / 2 * (cross @ cross)
-    return np.asarray(turn @ rotations, dtype=np.float64)
+    turn = np.eye(3) + np.sinc(turns_by) * cross + np.sinc(turns_by / 2) ** 2 / 2 * product(cross, cross)
+    return np.asarray(product(turn, rotations), dtype=np.float64)
 
 
 def _all_residuals(camera: Camera, fields: Sequence[StarField], rotations: NDArray[np.float64]) -> NDArray[np.float64]:

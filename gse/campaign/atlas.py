@@ -16,6 +16,7 @@ from scipy.special import chdtrc, fdtrc, ndtri
 
 from gse.campaign.leverage import left_out
 from gse.campaign.rounding import Harmonics, without_rounding
+from gse.matrices import pinv, product
 
 DEGREE = 3
 HARMONICS = 2
@@ -181,20 +182,20 @@ class _Fit:
         angle = 2 * math.pi * phase_px
         waves = np.column_stack([wave(k * angle) for k in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)])
         basis = np.hstack([field, waves])
-        inverse = np.linalg.pinv(basis.T @ basis)
-        fit = inverse @ (basis.T @ residual)
-        left = residual - basis @ fit
+        inverse = pinv(product(basis.T, basis))
+        fit = product(inverse, product(basis.T, residual))
+        left = residual - product(basis, fit)
         scores = np.stack([np.bincount(star, weights=part * left) for part in basis.T], axis=1)
         stars, of_field = len(scores), field.shape[1]
         few = stars / max(stars - basis.shape[1], 1)
-        covariance = few * inverse @ (scores.T @ scores) @ inverse
+        covariance = product(few * inverse, product(scores.T, scores), inverse)
         return cls(
             fit[:of_field],
             covariance[:of_field, :of_field],
             fit[of_field:],
             covariance[of_field:, of_field:],
-            residual - waves @ fit[of_field:],
-            residual - field @ fit[:of_field],
+            residual - product(waves, fit[of_field:]),
+            residual - product(field, fit[:of_field]),
             left,
         )
 
@@ -229,7 +230,7 @@ def _field_sigmas(fits: list[_Fit]) -> float:
     chi2 = 0.0
     for fit in fits:
         part = fit.field[wanted]
-        chi2 += float(part @ np.linalg.pinv(fit.field_covariance[np.ix_(wanted, wanted)]) @ part)
+        chi2 += float(product(part, pinv(fit.field_covariance[np.ix_(wanted, wanted)]), part))
     return sigmas_of(chi2, 2 * len(wanted))
 
 

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import solve
 from gse.star_influence import attitude_operators
 
 _ROWS_AT_ONCE = 1 << 13
@@ -46,5 +47,5 @@ def _left_out(
     share = np.stack([operators[:, 1] * z - operators[:, 2] * y, operators[:, 2] * x - operators[:, 0] * z], axis=1)
     useful = (np.trace(share, axis1=1, axis2=2) / 2 < _MOST) & (np.abs(operators).max(axis=(1, 2)) > 0)
     share[~useful] = 0.0
-    freed = np.linalg.solve(np.eye(2) - share, residuals_arcsec[:, :, None])[:, :, 0]
+    freed = solve(np.eye(2) - share, residuals_arcsec[:, :, None])[:, :, 0]
     return np.asarray(freed), np.asarray(useful)

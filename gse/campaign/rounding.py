@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
+from gse.matrices import cholesky, inv, pinv, product
+
 SQUARES_UNCERTAINTY = 0.015
 """Of the mean square, standard and relative: outliers, and stars of different noise."""
 _GRID = 64
@@ -37,15 +39,15 @@ class Harmonics:
 
 def without_rounding(found: Harmonics, square_px2: float, stars_per_frame: float) -> Harmonics:
     """The sensor's own first harmonic, from the first two of its residuals and their mean square."""
-    weights = np.linalg.cholesky(np.linalg.inv(found.covariance + 1e-8 * np.eye(len(found.covariance)))).T
+    weights = cholesky(inv(found.covariance + 1e-8 * np.eye(len(found.covariance)))).T
 
     def misfit(wanted: NDArray[np.float64]) -> NDArray[np.float64]:
         expected = _expected(wanted[0], wanted[1], square_px2 * (1 + wanted[2]), stars_per_frame)
-        return np.append(weights @ (found.values - expected), wanted[2] / SQUARES_UNCERTAINTY)
+        return np.append(product(weights, found.values - expected), wanted[2] / SQUARES_UNCERTAINTY)
 
     best = least_squares(misfit, [0.0, 0.0, 0.0], bounds=([-0.5, -0.5, -0.2], [0.5, 0.5, 0.2]))
     jacobian = np.asarray(best.jac)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    covariance = pinv(product(jacobian.T, jacobian))
     stretched = max(2 * best.cost / (len(best.fun) - 3), 1.0)  # a model that does not fit says less
     return Harmonics(best.x[:2], covariance[:2, :2] * stretched)
 
@@ -55,7 +57,7 @@ def _expected(sine: float, cosine: float, square_px2: float, stars_per_frame: fl
     attitude_px2 = _FITTED_ANGLES * square_px2 / (stars_per_frame + _FITTED_ANGLES)
     before = _PHASES + sine * _WAVES[0] + cosine * _WAVES[1]
     smoothing = np.exp(-2 * math.pi**2 * attitude_px2 * np.array([1, 1, 4, 4]))
-    return np.asarray(2 * (_WAVES @ _mean_residual(before, square_px2 - attitude_px2)) / _GRID * smoothing)
+    return np.asarray(2 * product(_WAVES, _mean_residual(before, square_px2 - attitude_px2)) / _GRID * smoothing)
 
 
 def _mean_residual(before: NDArray[np.float64], square_px2: float) -> NDArray[np.float64]:

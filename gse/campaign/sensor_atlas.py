@@ -16,6 +16,7 @@ from gse.campaign.dataset import AGAIN, ATLAS, Committed, DataSet
 from gse.campaign.nights import Session
 from gse.campaign.star_places import NamedStar, StarOffsets, named_stars
 from gse.campaign.storage import StorageError
+from gse.matrices import inv, product, solve
 
 MIN_NIGHTS = 10
 """From so many sessions on the scatter between them is the error of a mean, below it the errors of each."""
@@ -103,16 +104,16 @@ def _harmonic(axis: str, atlases: list[SessionAtlas], place: int) -> Harmonic:
     covariance = np.mean([atlas.phase[place].covariance_px2 for atlas in atlases], axis=0) / n
     if n >= MIN_NIGHTS:
         covariance = np.maximum(1, _stretch(values, covariance * n)) * covariance
-    chi2 = float(mean @ np.linalg.solve(covariance + 1e-12 * np.eye(2), mean))
+    chi2 = float(product(mean, solve(covariance + 1e-12 * np.eye(2), mean)))
     amplitude = float(np.hypot(*mean))
     along = mean / amplitude if amplitude > 0 else np.array([1.0, 0.0])
-    return Harmonic(axis, amplitude, math.sqrt(float(along @ covariance @ along)), sigmas_of(chi2, 2))
+    return Harmonic(axis, amplitude, math.sqrt(float(product(along, covariance, along))), sigmas_of(chi2, 2))
 
 
 def _stretch(values: NDArray[np.float64], within: NDArray[np.float64]) -> float:
     """How much larger the variance between nights is than their own errors say."""
     apart = values - values.mean(axis=0)
-    chi2 = float(np.einsum("ni,ij,nj->", apart, np.linalg.inv(within + 1e-12 * np.eye(2)), apart))
+    chi2 = float(np.einsum("ni,ij,nj->", apart, inv(within + 1e-12 * np.eye(2)), apart))
     return chi2 / float(values.shape[1] * (len(values) - 1))
 
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from gse.catalog.names import Designation
 from gse.catalog.stars import Neighbours, StarCatalog
 from gse.errors import CatalogError
+from gse.matrices import product
 
 LIST_COLUMNS = ("id", "ra_deg", "de_deg", "magnitude", "epoch")
 TABLE_COLUMNS = ("id", "x", "y", "z", "magnitude", "n", "neighbours")
@@ -231,7 +232,7 @@ def _check_distances(
     given = np.array([distance for distance, _ in mine], dtype=np.float64)
     others = icrs[[neighbour for _, neighbour in mine]]
     sine = np.linalg.norm(np.cross(others, icrs[star]), axis=1)
-    true = 1e6 * np.arctan2(sine, others @ icrs[star])
+    true = 1e6 * np.arctan2(sine, product(others, icrs[star]))
     wrong = np.abs(given - true) > _WHOLE_URAD + 1e6 * _COSINE_ERROR / np.maximum(sine, 1e-4)
     if wrong.any():
         place = int(np.argmax(wrong))

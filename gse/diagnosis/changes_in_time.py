@@ -12,6 +12,7 @@ from gse.diagnosis.competing_models import Columns, Fitted, Observed, white_prec
 from gse.diagnosis.fine_hypotheses import Hypothesis
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import all_turns, pole
+from gse.matrices import product
 
 STEPS = ("clock step", "slip of the mount")
 _STEPS = 96
@@ -29,7 +30,7 @@ def steps(model: SessionModel, observed: Observed, base: Fitted, named: Columns)
     if not len(places):
         return
     courses = model.series.cosines((np.arange(count)[:, None] >= places).astype(np.float64))
-    left = observed.cosines - named.cosines @ base.coefficients
+    left = observed.cosines - product(named.cosines, base.coefficients)
     gains = _gains(courses, left, base.precision)
     of_place = functools.partial(_step, model, len(places))
     for first in {int(places[gain.argmax()]) for gain in gains}:
@@ -70,11 +71,13 @@ def sinusoids(model: SessionModel, observed: Observed, base: Fitted, named: Colu
     cycles = np.arange(_FEWEST_CYCLES, most + 1e-9, _CYCLE_STEP)
     if not len(cycles):
         return
-    left = observed.cosines - named.cosines @ base.coefficients
+    left = observed.cosines - product(named.cosines, base.coefficients)
     phases = np.outer(time_s, 2 * math.pi / duration_s * cycles)
-    waves = np.stack([model.series.cosines(of(phases)) for of in (np.cos, np.sin)], axis=2)
-    orthogonal, _ = np.linalg.qr(waves.transpose(1, 0, 2))
-    courses = orthogonal.transpose(1, 0, 2).reshape(len(left), -1)
+    one, other = (model.series.cosines(of(phases)) for of in (np.cos, np.sin))
+    one /= np.linalg.norm(one, axis=0)
+    other -= one * (one * other).sum(axis=0)
+    other /= np.linalg.norm(other, axis=0)
+    courses = np.stack([one, other], axis=2).reshape(len(left), -1)
     gains = _gains(courses, left, base.precision).reshape(2, -1, 2).sum(axis=2)
     for cycle in {float(cycles[gain.argmax()]) for gain in gains}:
         for kind in _SWINGS:
@@ -110,6 +113,6 @@ def _gains(
     """
     gains = []
     for weight in (precision, white_precision(left)):
-        top = courses.T @ (weight * left)
-        gains.append((top**2 / np.maximum((courses**2).T @ weight, 1e-300)).sum(axis=1))
+        top = product(courses.T, weight * left)
+        gains.append((top**2 / np.maximum(product((courses**2).T, weight), 1e-300)).sum(axis=1))
     return np.array(gains)

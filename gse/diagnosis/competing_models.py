@@ -18,6 +18,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import inv, log_det, lstsq, pinv, product, solve
 from gse.statistics.autocorrelation import exponential_spectrum
 
 PENALTY = 5.0
@@ -88,7 +89,7 @@ def fitted(observed: Observed, columns: Columns) -> Fitted:
     )
     normal, _ = _equations(observed, columns, state)
     scale = np.sqrt(np.maximum(np.diag(normal), _TINY))
-    covariance = np.linalg.pinv(normal / scale[:, None] / scale, rcond=1e-10) / scale[:, None] / scale
+    covariance = pinv(normal / scale[:, None] / scale, rcond=1e-10) / scale[:, None] / scale
     return Fitted(coefficients, covariance, state.log, state.precision)
 
 
@@ -116,7 +117,7 @@ def _climbed(observed: Observed, columns: Columns, state: "_State") -> tuple[NDA
         normal, right = _equations(observed, columns, state)
         scale = np.sqrt(np.maximum(np.diag(normal), _TINY))
         ridged = normal / scale[:, None] / scale + _RIDGE * np.eye(columns.count)
-        coefficients = np.linalg.solve(ridged, right / scale) / scale
+        coefficients = solve(ridged, right / scale) / scale
         before, state = state, _state(observed, columns, coefficients)
         if abs(state.log - before.log) < _SETTLED:
             break
@@ -141,21 +142,21 @@ def _unexplained(observed: Observed) -> _State:
 
 
 def _state(observed: Observed, columns: Columns, coefficients: NDArray[np.float64]) -> _State:
-    precision, mean_variance, log = _spectra(observed.cosines - columns.cosines @ coefficients, observed.frames)
-    left = observed.mean - columns.mean @ coefficients
+    precision, mean_variance, log = _spectra(observed.cosines - product(columns.cosines, coefficients), observed.frames)
+    left = observed.mean - product(columns.mean, coefficients)
     covariance = np.diag(mean_variance) + observed.lasting
     freedom = len(observed.cosines)
-    inverse = np.linalg.inv(covariance)
-    square = float(left @ inverse @ left)
-    log += -float(np.linalg.slogdet(covariance)[1]) - (freedom + 3) * math.log1p(square / freedom)
+    inverse = inv(covariance)
+    square = float(product(left, inverse, left))
+    log += -log_det(covariance) - (freedom + 3) * math.log1p(square / freedom)
     of_field = 0.0
     if observed.freedom:
-        at = columns.field @ coefficients
+        at = product(columns.field, coefficients)
         square = _field_square(observed, at)
         count = observed.freedom + len(observed.right)
         log -= count * math.log1p(square / observed.freedom)
         of_field = count / (observed.freedom + square)
-    of_mean = np.asarray(inverse * ((freedom + 3) / (freedom + float(left @ inverse @ left))), dtype=np.float64)
+    of_mean = np.asarray(inverse * ((freedom + 3) / (freedom + float(product(left, inverse, left)))), dtype=np.float64)
     return _State(precision, of_mean, of_field, log)
 
 
@@ -163,7 +164,7 @@ def _field_square(observed: Observed, at: NDArray[np.float64]) -> float:
     """By how much the parameters of the field differ from what the residuals say, in their own scatter, squared."""
     scale, normal, best = _field_alone(observed)
     off = best - at * scale
-    return max(float(off @ normal @ off), 0.0)
+    return max(float(product(off, normal, off)), 0.0)
 
 
 @functools.lru_cache(maxsize=2)
@@ -171,7 +172,7 @@ def _field_alone(observed: Observed) -> tuple[NDArray[np.float64], NDArray[np.fl
     """Scales (F,), the normal equations (F, F) in them, and what these say of the parameters (F,) without a model."""
     scale = np.sqrt(np.diag(observed.normal))
     normal = observed.normal / scale[:, None] / scale
-    best = np.linalg.lstsq(normal, observed.right / scale, rcond=1e-9)[0]
+    best = lstsq(normal, observed.right / scale, rcond=1e-9)
     return scale, normal, np.asarray(best, dtype=np.float64)
 
 
@@ -183,11 +184,11 @@ def forget_observed() -> None:
 
 def _equations(observed: Observed, columns: Columns, state: _State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     weighted = columns.cosines * state.precision[:, :, None]
-    normal = np.einsum("kap,kaq->pq", weighted, columns.cosines) + columns.mean.T @ state.of_mean @ columns.mean
-    right = np.einsum("kap,ka->p", weighted, observed.cosines) + columns.mean.T @ state.of_mean @ observed.mean
+    normal = np.einsum("kap,kaq->pq", weighted, columns.cosines) + product(columns.mean.T, state.of_mean, columns.mean)
+    right = np.einsum("kap,ka->p", weighted, observed.cosines) + product(columns.mean.T, state.of_mean, observed.mean)
     if observed.freedom:
-        normal += state.of_field * columns.field.T @ observed.normal @ columns.field
-        right += state.of_field * columns.field.T @ observed.right
+        normal += product(state.of_field * columns.field.T, observed.normal, columns.field)
+        right += product(state.of_field * columns.field.T, observed.right)
     return normal, right
 
 
@@ -197,7 +198,7 @@ def _spectra(left: NDArray[np.float64], frames: int) -> tuple[NDArray[np.float64
     log_likelihood, sums = _of_shapes(left)
     log = _log_sum(prior[:, None] + log_likelihood)
     weight = np.exp(prior[:, None] + log_likelihood - log)
-    precision = inverse.T @ (weight * len(left) / sums)
+    precision = product(inverse.T, weight * len(left) / sums)
     mean_variance = (weight * sums / len(left) * first).sum(axis=0) / frames
     return precision, mean_variance, 2 * float(log.sum())
 
@@ -205,7 +206,7 @@ def _spectra(left: NDArray[np.float64], frames: int) -> tuple[NDArray[np.float64
 def _of_shapes(left: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Log likelihood (G, 3) of ordinates (K, 3) under each shape, its scale left open, and the sums (G, 3) in it."""
     _, inverse, log_spectra, _ = _shapes(len(left))
-    sums = inverse @ (left**2 + 1e-9 * left.var(axis=0) + 1e-12)
+    sums = product(inverse, left**2 + 1e-9 * left.var(axis=0) + 1e-12)
     return -0.5 * log_spectra[:, None] - 0.5 * len(left) * np.log(sums), sums
 
 

@@ -59,12 +59,13 @@ class ErrorSeries:
     def cosines(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
         """The lowest ordinates (K, ...) of columns (M, ...), without the mean; white noise keeps its variance."""
         edges, basis = _basis(len(self.time_s), self.ordinates)
-        return np.asarray(math.sqrt(2 / len(self.time_s)) * np.tensordot(basis, np.add.reduceat(columns, edges), 1))
+        sums = np.add.reduceat(columns, edges)
+        return np.asarray(math.sqrt(2 / len(self.time_s)) * np.einsum("km,m...->k...", basis, sums))
 
     def against_cosines(self, ordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weights (M, ...) of a sum over the series that is the sum of ordinates (K, ...) times its cosines."""
         edges, basis = _basis(len(self.time_s), self.ordinates)
-        blocks = math.sqrt(2 / len(self.time_s)) * np.tensordot(basis.T, ordinates, 1)
+        blocks = math.sqrt(2 / len(self.time_s)) * np.einsum("km,k...->m...", basis, ordinates)
         return np.asarray(np.repeat(blocks, np.diff(edges, append=len(self.time_s)), axis=0))
 
 

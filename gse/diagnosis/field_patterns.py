@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
+from gse.matrices import lstsq, pinv, product
 from gse.site import Site
 from gse.star_influence import FrameFits, boresight_shifts, star_covariance, unfitted
 from gse.station.frame_table import residuals_of, thinned, xy_px_of
@@ -56,7 +57,7 @@ class FieldOfErrors:
 
     def most_told_by(self, parts: NDArray[np.int64]) -> int:
         """The star that tells most of some parameters together."""
-        inverse = np.linalg.pinv(self.normal[np.ix_(parts, parts)], rcond=1e-12, hermitian=True)
+        inverse = pinv(self.normal[np.ix_(parts, parts)], rcond=1e-12)
         return int(np.einsum("spq,qp->s", self.by_star[:, parts[:, None], parts], inverse).argmax())
 
 
@@ -83,7 +84,7 @@ class StarErrors:
 
     def covariance_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Covariance (P, P) of sums of the boresight's errors with weights (N, P, 3), by what single stars keep."""
-        operators = weights @ boresight_shifts(np.eye(3)).T @ self.operators
+        operators = product(weights, boresight_shifts(np.eye(3)).T, self.operators)
         lasting = star_covariance(operators, self.errors, self.stars, time_blocks(self.utc_ns), within_blocks=False)
         return lasting + self._of_phases(operators)
 
@@ -136,9 +137,9 @@ def _fitted(
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
     left, turns = _unabsorbed(patterns, fits)
     design = left.reshape(-1, len(PARAMETERS))
-    normal, right = design.T @ design, design.T @ residuals.ravel()
+    normal, right = product(design.T, design), product(design.T, residuals.ravel())
     fit = _solved(normal, right)
-    rest = residuals - (left @ fit)
+    rest = residuals - product(left, fit)
     _, star, sightings = np.unique(matches["star"], return_inverse=True, return_counts=True)
     variance, freedom = _variance_of_sums(rest, star, sightings, len(PARAMETERS))
     variance = max(variance, _variance_of_pulls(left, rest, star, normal))
@@ -162,7 +163,7 @@ def _fitted(
         normal / variance,
         right / variance,
         freedom,
-        np.array([np.tensordot(rows, rows, ([0, 1], [0, 1])) for rows in of_each_star]) / variance,
+        np.array([np.einsum("nip,niq->pq", rows, rows) for rows in of_each_star]) / variance,
         _of_each(np.einsum("nip,ni->np", left, residuals), star) / variance,
         fits.numbers.astype(np.int64),
         shifts,
@@ -195,13 +196,13 @@ def unexplained_residuals(
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
     left, _ = _unabsorbed(patterns, FrameFits.of(camera.directions(xy_px), matches["frame"]))
     residuals = residuals_of(matches)
-    return np.asarray(residuals - left @ _solved(field.normal, field.right))
+    return np.asarray(residuals - product(left, _solved(field.normal, field.right)))
 
 
 def _solved(normal: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """The parameters (F,) of normal equations, zero along what they do not tell."""
     size = np.sqrt(np.diag(normal))
-    return np.asarray(np.linalg.lstsq(_scaled(normal), right / size, rcond=1e-9)[0] / size)
+    return np.asarray(lstsq(_scaled(normal), right / size, rcond=1e-9) / size)
 
 
 def _scaled(normal: NDArray[np.float64]) -> NDArray[np.float64]:

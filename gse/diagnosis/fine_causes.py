@@ -18,6 +18,7 @@ from gse.diagnosis.competing_models import Columns, Fitted, Observed, by_its_noi
 from gse.diagnosis.field_patterns import FieldOfErrors
 from gse.diagnosis.fine_hypotheses import Hypothesis, causes_of_field, constant_causes, drifts
 from gse.diagnosis.session_model import SessionModel
+from gse.matrices import pinv, product
 
 EQUAL_WITHIN = 9.0
 """Three standard errors."""
@@ -82,7 +83,7 @@ def _of_its_noise(observed: Observed, named: list[Hypothesis], one: Hypothesis) 
     if not one.is_change:
         return 0.0
     left = [
-        observed.cosines - together(observed, causes).cosines @ fitted_to(observed, causes).coefficients
+        observed.cosines - product(together(observed, causes).cosines, fitted_to(observed, causes).coefficients)
         for causes in (named, [*named, one])
     ]
     return by_its_noise(*left)
@@ -95,7 +96,7 @@ def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], o
     coefficients = fitted_to(observed, [*named, one]).coefficients[-one.columns.count :]
     if abs(float(coefficients[0])) < one.known:
         return False
-    moved_px = model.field.moved_px @ (one.columns.field @ coefficients)
+    moved_px = product(model.field.moved_px, product(one.columns.field, coefficients))
     return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
 
 
@@ -108,7 +109,7 @@ def _is_of_one_frame(model: SessionModel, named: list[Hypothesis], one: Hypothes
     after = count - first
     side = np.arange(first, count) if after <= first else np.arange(first)
     errors = series.errors_arcsec.copy()
-    off = (errors[side] - np.median(errors, axis=0)) @ model.decorrelate.T
+    off = product(errors[side] - np.median(errors, axis=0), model.decorrelate.T)
     row = int(side[(off**2).sum(axis=1).argmax()])
     around = np.argsort(np.abs(np.arange(count) - row), kind="stable")[1 : _AROUND + 1]
     errors[row] = np.median(errors[around], axis=0)
@@ -141,7 +142,7 @@ def _is_rest(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bo
     causes = [*named, one]
     ends = np.cumsum([other.columns.count for other in causes])[:-1]
     sizes = {
-        id(cause): float(np.square(cause.columns.cosines @ part).sum())
+        id(cause): float(np.square(product(cause.columns.cosines, part)).sum())
         for cause, part in zip(causes, np.split(fitted_to(observed, causes).coefficients, ends), strict=True)
     }
     return sizes[id(one)] < _REST_SHARE**2 * max(sizes[id(other)] for other in earlier)
@@ -214,10 +215,10 @@ def _outlasts_stars(model: SessionModel, observed: Observed, named: list[Hypothe
     if not best.is_change:
         return model.field is None or _without_one(model.field, observed, named, best)
     size, by_frames, by_stars = _change(model, observed, [*named, best])
-    inverse = np.linalg.pinv(by_frames + by_stars, hermitian=True)
-    of_stars = float(np.trace(inverse @ by_stars)) / len(size)
+    inverse = pinv(by_frames + by_stars)
+    of_stars = float(np.trace(product(inverse, by_stars))) / len(size)
     freedom = 1 / ((1 - of_stars) ** 2 / observed.cosines.size + of_stars**2 / model.stars_freedom)
-    return float(size @ inverse @ size) > best.is_sure(freedom)
+    return float(product(size, inverse, size)) > best.is_sure(freedom)
 
 
 def _without_one(field: FieldOfErrors, observed: Observed, named: list[Hypothesis], best: Hypothesis) -> bool:

@@ -20,6 +20,7 @@ from gse.diagnosis.turns import about, all_turns, pole
 from gse.diagnosis.vibration import Vibration, vibration, without_waves
 from gse.finding import Finding
 from gse.instant import NS_PER_S, to_text
+from gse.matrices import product
 from gse.mount import Mount
 from gse.percent import percent
 from gse.site import Site
@@ -122,7 +123,7 @@ def _mount(one: Named, setting: Setting) -> Finding:
 
 def _dates_like(one: Named, setting: Setting) -> tuple[str, ...]:
     """Wrong dates that turn the sky as three angles of the mount do, but for precession and aberration."""
-    turn = horizon_to_sensor(setting.mount).T @ _turned(one, setting.mount)
+    turn = product(horizon_to_sensor(setting.mount).T, _turned(one, setting.mount))
     angle_rad, left_rad = about(pole(setting.site), turn)
     if left_rad > DATE_S * EARTH_RATE_RAD_PER_S:
         return ()
@@ -149,7 +150,7 @@ def _turned(one: Named, mount: Mount) -> NDArray[np.float64]:
     """The rotation (3, 3) from the horizon frame to the sensor of a mount that three angles turn."""
     across, up, roll = (erfa.rv2m(-axis * arcsec * ARCSEC_RAD)  # ERFA's turns the axes
                         for axis, arcsec in zip(all_turns(mount), one.coefficients, strict=True))  # fmt: skip
-    return np.asarray(horizon_to_sensor(mount) @ across @ up @ roll)
+    return np.asarray(product(horizon_to_sensor(mount), across, up, roll))
 
 
 def _fits(mount: Mount, name: str, fits_deg: float) -> str:

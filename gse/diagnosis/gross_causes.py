@@ -17,6 +17,7 @@ from gse.diagnosis.gross_turns import angle_text, refined_s, turned
 from gse.diagnosis.raw_attitudes import RawAttitudes, central, error_deg_of, errors_arcsec, mount_under
 from gse.diagnosis.turns import about, pole
 from gse.finding import Finding
+from gse.matrices import product
 from gse.mount import Mount
 from gse.site import Site
 from gse.truth import EarthOrientation, horizon_to_sensor, small_rotations
@@ -55,7 +56,7 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
     error_deg = error_deg_of(measured, mount)
     if error_deg < GROSS_DEG:
         return None
-    turn = horizon_to_sensor(mount).T @ measured[0]
+    turn = product(horizon_to_sensor(mount).T, measured[0])
     fast_s = refined_s(raw, stated, about(pole(site), turn)[0], orientation)
     tried = [*of_site(site, mount), *of_mount(site, mount), *of_clock(stated, fast_s)]
     left = [(error_deg_of(mount_under(raw, one, orientation), one.mount), one) for one in tried]

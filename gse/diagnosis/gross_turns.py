@@ -12,6 +12,7 @@ from gse.diagnosis.gross_hypotheses import CORRECT, SAME_DEG, SET_CLOCK, SIDEREA
 from gse.diagnosis.raw_attitudes import RawAttitudes, mount_under
 from gse.diagnosis.turns import EAST, VERTICAL, about, level_axis, pole, size_rad
 from gse.finding import Finding
+from gse.matrices import length, lstsq, product
 from gse.mount import Mount
 from gse.site import Site
 from gse.truth import EarthOrientation, horizon_to_sensor, mount_of, small_rotations
@@ -41,7 +42,7 @@ def turned(raw: RawAttitudes, stated: Hypothesis, turn: NDArray[np.float64], ori
         return replace(found, equals=(*found.equals, *(f"{one.cause} ({one.size})" for one in others)))
     if elsewhere := _elsewhere(raw, stated, orientation):
         return elsewhere
-    fitted = mount_of(horizon_to_sensor(mount) @ turn)
+    fitted = mount_of(product(horizon_to_sensor(mount), turn))
     return Finding(
         "mount",
         f"it looks {angle_text(error_deg)} from where the station file says: the stars fit azimuth "
@@ -67,11 +68,11 @@ def _elsewhere(raw: RawAttitudes, stated: Hypothesis, orientation: EarthOrientat
             (off_rad(_moved(at, *step)) - off) / _SITE_STEP_DEG
             for step in ((_SITE_STEP_DEG, 0.0), (0.0, _SITE_STEP_DEG))
         ]
-        step_deg = np.linalg.lstsq(np.column_stack(slopes), -off, rcond=None)[0]
+        step_deg = lstsq(np.column_stack(slopes), -off)
         if abs(at.site.latitude_deg + float(step_deg[0])) > _MOST_LATITUDE_DEG:
             return None
         at = _moved(at, *step_deg.tolist())
-    if math.degrees(float(np.linalg.norm(off_rad(at)))) > SAME_DEG:
+    if math.degrees(length(off_rad(at))) > SAME_DEG:
         return None
     size = f"the stars fit site.latitude_deg: {at.site.latitude_deg:.3f} and longitude_deg: {at.site.longitude_deg:.3f}"
     size += f", stated are {stated.site.latitude_deg:g} and {stated.site.longitude_deg:g}"
@@ -88,7 +89,10 @@ def refined_s(raw: RawAttitudes, stated: Hypothesis, angle_rad: float, orientati
     """How fast the clock is, once refraction is taken off about the right zenith."""
     fast_s = angle_rad / EARTH_RATE_RAD_PER_S
     measured = mount_under(raw, replace(stated, clock_s=fast_s), orientation)[0]
-    return fast_s + about(pole(stated.site), horizon_to_sensor(stated.mount).T @ measured)[0] / EARTH_RATE_RAD_PER_S
+    return (
+        fast_s
+        + about(pole(stated.site), product(horizon_to_sensor(stated.mount).T, measured))[0] / EARTH_RATE_RAD_PER_S
+    )
 
 
 def _about_the_pole(fast_s: float, site: Site) -> Finding:

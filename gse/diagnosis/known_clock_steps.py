@@ -10,6 +10,7 @@ from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.turns import pole
 from gse.instant import NS_PER_S
+from gse.matrices import length, product
 from gse.mount import Mount
 from gse.site import Site
 from gse.star_influence import boresight_shifts
@@ -29,7 +30,7 @@ def without_steps(
     for stretch in clock_stretches(host_utc_ns, steps):
         fast_s[stretch.first : stretch.until] = stretch.offset_ns / NS_PER_S
     fast_s = fast_s[series.rows]
-    turned = boresight_shifts((horizon_to_sensor(mount) @ pole(site))[None])[0] * EARTH_RATE_ARCSEC_PER_S
+    turned = boresight_shifts(product(horizon_to_sensor(mount), pole(site))[None])[0] * EARTH_RATE_ARCSEC_PER_S
     tried = [series.errors_arcsec - np.outer(fast_s - right_s, turned) for right_s in np.unique(fast_s).tolist()]
-    least = min(tried, key=lambda errors: float(np.linalg.norm(errors[:, :2].mean(axis=0))))
+    least = min(tried, key=lambda errors: length(errors[:, :2].mean(axis=0)))
     return replace(series, errors_arcsec=least)

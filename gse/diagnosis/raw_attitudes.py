@@ -11,6 +11,7 @@ from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.diagnosis.gross_hypotheses import Hypothesis
 from gse.instant import NS_PER_S
+from gse.matrices import length, product
 from gse.mount import Mount
 from gse.star_influence import boresight_shifts
 from gse.station.frame_columns import Columns
@@ -56,16 +57,16 @@ def mount_under(raw: RawAttitudes, under: Hypothesis, orientation: EarthOrientat
     for stamp_ns, icrs_to_sensor in zip(raw.utc_ns.tolist(), raw.icrs_to_sensor, strict=True):
         utc_ns = stamp_ns - round(under.clock_s * NS_PER_S)
         to_horizon = truth.icrs_to_horizon(utc_ns)
-        straight = truth.unrefracted(raw.field_sensor, icrs_to_sensor @ to_horizon[2])
-        apparent = truth.apparent(raw.field_sensor @ icrs_to_sensor, utc_ns)
-        rotations.append(solve_attitude(straight, apparent, 1e-4).icrs_to_sensor @ to_horizon.T)
+        straight = truth.unrefracted(raw.field_sensor, product(icrs_to_sensor, to_horizon[2]))
+        apparent = truth.apparent(product(raw.field_sensor, icrs_to_sensor), utc_ns)
+        rotations.append(product(solve_attitude(straight, apparent, 1e-4).icrs_to_sensor, to_horizon.T))
     return np.array(rotations)
 
 
 def error_deg_of(measured: NDArray[np.float64], mount: Mount) -> float:
     """How far measured directions (M, 3, 3) are from a mount, on average over the frames."""
     turns = small_rotations(measured, horizon_to_sensor(mount))
-    return math.degrees(float(np.linalg.norm(turns.mean(axis=0))))
+    return math.degrees(length(turns.mean(axis=0)))
 
 
 def errors_arcsec(measured: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gse.diagnosis.slope_within import slope_within
 from gse.finding import Finding
 from gse.instant import NS_PER_S
+from gse.matrices import straight_line
 from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.housekeeping import firmware_text
 from gse.station.results import SkyCondition
@@ -181,7 +182,7 @@ def _against_light(noise_px: NDArray[np.float64], index: NDArray[np.float64]) ->
     """Least squares with both parts at least zero, without the stars that are far off."""
     kept = noise_px <= NOISY * np.median(noise_px)
     square = float(np.mean(noise_px[kept] ** 2))
-    slope, floor = np.polyfit(1 / index[kept], noise_px[kept] ** 2, 1) if np.ptp(index[kept]) else (0.0, square)
+    slope, floor = straight_line(1 / index[kept], noise_px[kept] ** 2) if np.ptp(index[kept]) else (0.0, square)
     if slope < 0:
         slope, floor = 0.0, square
     if floor < 0:

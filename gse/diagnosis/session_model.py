@@ -9,6 +9,7 @@ from gse.diagnosis.competing_models import Columns, Fitted, Observed
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS, FieldOfErrors
 from gse.diagnosis.turns import VERTICAL, level_axis
+from gse.matrices import cholesky, inv, pinv, product
 from gse.mount import Mount
 from gse.site import Site
 from gse.star_influence import boresight_shifts
@@ -43,13 +44,13 @@ class SessionModel:
         """With the coordinates in which the upper half of the ordinates is independent and of variance one."""
         cosines = series.cosines(series.errors_arcsec)
         upper = cosines[len(cosines) // 2 :]
-        covariance = upper.T @ upper / len(upper)
+        covariance = product(upper.T, upper) / len(upper)
         covariance += np.diag(1e-6 + 1e-6 * np.diag(covariance))
-        return cls(series, field, site, mount, is_fitted, np.linalg.inv(np.linalg.cholesky(covariance)))
+        return cls(series, field, site, mount, is_fitted, inv(cholesky(covariance)))
 
     def observed(self) -> Observed:
         """What the models compete for."""
-        errors = self.series.errors_arcsec @ self.decorrelate.T
+        errors = product(self.series.errors_arcsec, self.decorrelate.T)
         lasting = np.diag(FLOOR_ARCSEC**2)
         lasting += self._by_stars(np.broadcast_to(np.eye(3) / len(errors), (len(errors), 3, 3)))
         if self.is_fitted:
@@ -58,7 +59,7 @@ class SessionModel:
         return Observed(
             len(errors),
             errors.mean(axis=0),
-            self.decorrelate @ lasting @ self.decorrelate.T,
+            product(self.decorrelate, lasting, self.decorrelate.T),
             self.series.cosines(errors),
             field.normal if field else np.eye(len(PARAMETERS)),
             field.right if field else np.zeros(len(PARAMETERS)),
@@ -77,9 +78,9 @@ class SessionModel:
         """
         pulls = np.einsum("kap,ka,pq->kaq", columns.cosines, fit.precision, fit.covariance[:, -count:])
         weights = np.einsum("map,ai->mpi", self.series.against_cosines(pulls), self.decorrelate)
-        course = np.einsum("ij,kjp->kip", np.linalg.inv(self.decorrelate), columns.cosines[:, :, -count:])
+        course = np.einsum("ij,kjp->kip", inv(self.decorrelate), columns.cosines[:, :, -count:])
         floor = np.einsum("kip,kiq,i->pq", course, course, (_OF_CHANGES * FLOOR_ARCSEC) ** -2.0)
-        open_arcsec2 = len(self.series.time_s) * np.linalg.pinv(floor, hermitian=True)
+        open_arcsec2 = len(self.series.time_s) * pinv(floor)
         return np.asarray(self._by_stars(weights) + open_arcsec2)
 
     def _by_stars(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -98,11 +99,11 @@ class SessionModel:
         ordinates = np.stack([self.series.cosines(one) for one in series_arcsec], axis=2)
         cosines = np.einsum("ij,kjp->kip", self.decorrelate, ordinates)
         none = np.zeros((len(PARAMETERS), len(series_arcsec)))
-        return Columns(self.decorrelate @ means, cosines, none if field is None else field)
+        return Columns(product(self.decorrelate, means), cosines, none if field is None else field)
 
     def shift(self, axis_horizon: NDArray[np.float64]) -> NDArray[np.float64]:
         """Shifts (3,) of the error where the measured mount is turned by 1 about an axis of the horizon frame."""
-        return np.asarray(boresight_shifts((horizon_to_sensor(self.mount) @ axis_horizon)[None])[0])
+        return np.asarray(boresight_shifts(product(horizon_to_sensor(self.mount), axis_horizon)[None])[0])
 
     def along(self, axis_horizon: NDArray[np.float64], over_time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Errors (M, 3) of turns (M,) about an axis."""

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from gse.matrices import product
+
 
 def slope_within(
     at: NDArray[np.float64], values: NDArray[np.float64], stars: NDArray[np.integer], fewest: int
@@ -22,9 +24,9 @@ def slope_within(
     count = np.maximum(count, 1)
     about = at - (np.bincount(star, at) / count).take(star)
     left = values - (np.bincount(star, values) / count).take(star)
-    squares = float(about @ about)
+    squares = float(product(about, about))
     if squares == 0:
         return None
-    slope = float(about @ left) / squares
+    slope = float(product(about, left)) / squares
     scores = np.bincount(star, about * (left - slope * about)).take(seen)
-    return slope, float(stdtrit(len(seen) - 1, 0.975)) * math.sqrt(float(scores @ scores)) / squares
+    return slope, float(stdtrit(len(seen) - 1, 0.975)) * math.sqrt(float(product(scores, scores))) / squares

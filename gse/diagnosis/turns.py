@@ -6,6 +6,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import length, product
 from gse.mount import Mount
 from gse.site import Site
 from gse.truth import horizon_to_sensor
@@ -17,14 +18,14 @@ EAST = np.array([1.0, 0.0, 0.0])
 
 def about(axis: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[float, float]:
     """The angle about an axis (3,) that is nearest to a rotation (3, 3), and the angle that is left; radians."""
-    along = float(axis @ turn @ axis)
-    angle = math.atan2(float(axis @ _odd(turn)), float(np.trace(turn)) - along)
-    return angle, size_rad(turn @ erfa.rv2m(angle * axis))
+    along = float(product(axis, turn, axis))
+    angle = math.atan2(float(product(axis, _odd(turn))), float(np.trace(turn)) - along)
+    return angle, size_rad(product(turn, erfa.rv2m(angle * axis)))
 
 
 def size_rad(turn: NDArray[np.float64]) -> float:
     """The angle of a rotation (3, 3), 0 to pi."""
-    return math.atan2(float(np.linalg.norm(_odd(turn))), float(np.trace(turn)) - 1)
+    return math.atan2(length(_odd(turn)), float(np.trace(turn)) - 1)
 
 
 def _odd(turn: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import FieldOfErrors
+from gse.matrices import lstsq, product
 from gse.star_influence import boresight_shifts
 
 LEAST_RATIO = 4.0
@@ -44,8 +45,8 @@ def without_waves(series: ErrorSeries, periods_s: Sequence[float]) -> ErrorSerie
     if not waves:
         return series
     design = np.column_stack([np.ones(len(series.time_s)), *waves])
-    fit = np.linalg.lstsq(design, series.errors_arcsec, rcond=None)[0]
-    return replace(series, errors_arcsec=series.errors_arcsec - design[:, 1:] @ fit[1:])
+    fit = lstsq(design, series.errors_arcsec)
+    return replace(series, errors_arcsec=series.errors_arcsec - product(design[:, 1:], fit[1:]))
 
 
 def vibration(series: ErrorSeries, field: FieldOfErrors) -> Vibration | None:
@@ -97,14 +98,14 @@ def _predicted(field: FieldOfErrors, rows: NDArray[np.int64], block_of_row: NDAr
     variance = float((quick**2).mean())
     turns = np.einsum("nij,nkj->ik", stars.operators, stars.operators) / len(np.unique(stars.frames))
     to_shifts = boresight_shifts(np.eye(3)).T
-    return np.asarray(np.diag(to_shifts @ turns @ to_shifts.T)[:2] * variance)
+    return np.asarray(np.diag(product(to_shifts, turns, to_shifts.T))[:2] * variance)
 
 
 def _independent(values: NDArray[np.float64]) -> float:
     """How many values tell the variance as well as these: by the squares of the first autocorrelations."""
-    total = float(values @ values) or math.inf  # an axis without any error
+    total = float(product(values, values)) or math.inf  # an axis without any error
     lags = range(1, min(_LAGS, len(values) // 4))
-    return len(values) / (1 + 2 * sum((float(values[lag:] @ values[:-lag]) / total) ** 2 for lag in lags))
+    return len(values) / (1 + 2 * sum((float(product(values[lag:], values[:-lag])) / total) ** 2 for lag in lags))
 
 
 def _line_hz(time_s: NDArray[np.float64], values: NDArray[np.float64], frame_s: float, excess: float) -> float:

@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.camera import Camera
+from gse.matrices import product
 
 
 def field_outline_icrs(attitude: Attitude, camera: Camera) -> NDArray[np.float64]:
     """The border of the detector on the celestial sphere, (N, 3) closed, ICRS axes."""
-    return field_outline_sensor(camera) @ attitude.icrs_to_sensor
+    return np.asarray(product(field_outline_sensor(camera), attitude.icrs_to_sensor))
 
 
 def field_outline_sensor(camera: Camera) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_RAD
+from gse.matrices import product
 from gse.panorama import MAX_OBJECTS
 
 _FALSE_MAGNITUDES = 4.0
@@ -108,9 +109,9 @@ class FrameMaker:
         self, attitude: Attitude, rng: np.random.Generator
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         conditions, catalog = self.conditions, self._catalog
-        near = np.flatnonzero(catalog.icrs @ attitude.boresight_icrs > self._cos_radius)
+        near = np.flatnonzero(product(catalog.icrs, attitude.boresight_icrs) > self._cos_radius)
         magnitude = catalog.magnitude[near] + rng.normal(0, conditions.magnitude, len(near))
-        xy = self._true_camera.pixels(catalog.icrs[near] @ attitude.icrs_to_sensor.T)
+        xy = self._true_camera.pixels(product(catalog.icrs[near], attitude.icrs_to_sensor.T))
         xy += rng.normal(0, conditions.position_arcsec * ARCSEC_RAD * self.optics.camera.focal_length_px, xy.shape)
         lost = rng.random(len(near)) < conditions.missing_share
         keep = (magnitude < self.optics.magnitude_limit) & ~lost & self.optics.sees(xy)

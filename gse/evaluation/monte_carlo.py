@@ -35,6 +35,7 @@ from gse.external.identifier import ExternalIdentifier, RunningIdentifier
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
+from gse.matrices import product
 from gse.panorama import Panorama
 from gse.spiral import spiral_directions
 
@@ -155,7 +156,7 @@ def _by_angles(identifier: Identifier, frame: SimulatedFrame, sigma_rad: float, 
     pivot = identifier
     v = frame.directions_sensor
     noise = np.triu(rng.normal(0, sigma_rad, (len(v), len(v))), 1)
-    angles = np.abs(np.arccos(np.clip(v @ v.T, -1, 1)) + noise + noise.T)
+    angles = np.abs(np.arccos(np.clip(product(v, v.T), -1, 1)) + noise + noise.T)
     np.fill_diagonal(angles, 0.0)
     return lambda: pivot.identify_angles(Separations(np.cos(angles), np.sin(angles)), frame.brightness)
 

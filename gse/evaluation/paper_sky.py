@@ -23,6 +23,7 @@ from gse.evaluation.monte_carlo import of_angles
 from gse.evaluation.plan import Plan
 from gse.identifier.cells import Cells
 from gse.identifier.tables import pair_table
+from gse.matrices import product
 from gse.spiral import spiral_directions
 
 SOURCE_STARS = 9096
@@ -54,7 +55,7 @@ class PaperSky:
         magnitude = distinct_magnitude(fields)
         bright = self.source.rows(np.flatnonzero(self.source.magnitude <= magnitude))
         directions = spiral_directions(_FIELDS_COUNTED)
-        nearest = np.concatenate([(part @ bright.icrs.T).max(axis=1) for part in np.array_split(directions, 20)])
+        nearest = np.concatenate([product(part, bright.icrs.T).max(axis=1) for part in np.array_split(directions, 20)])
         return {
             "fields_eq_1": round(fields, 1),
             "magnitude": round(magnitude, 2),

@@ -13,6 +13,7 @@ from gse.external.answers import Failure
 from gse.external.identifier import Given, RunningIdentifier
 from gse.external.plugs import plug_of
 from gse.inspection.check import Check, Outcome
+from gse.matrices import product
 from gse.panorama import Panorama
 from gse.station.setup import ORION_RA_DE_DEG, example_places, sensor_description
 from protocols import load_protocol
@@ -52,7 +53,7 @@ def _judged(name: str, given: Given) -> Check:
         said = f"{answer.status} {answer.detail}".strip()
         return Check(_NAME, Outcome.WARN, f"{name}: no answer to the belt of Orion: {said}", _ADVICE)
     boresight = Attitude.from_angles(*ORION_RA_DE_DEG, 0.0).boresight_icrs
-    cosine = float(np.clip(boresight @ answer.attitude.boresight_icrs, -1, 1))
+    cosine = float(np.clip(product(boresight, answer.attitude.boresight_icrs), -1, 1))
     off_deg = math.degrees(math.acos(cosine))
     if off_deg > _NEAR_DEG:
         text = f"{name}: {off_deg:.1f} deg off in the belt of Orion (RA 83, DE 0 deg)"

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.instant import NS_PER_S
+from gse.matrices import product
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS
 from gse.site import Site
@@ -72,7 +73,7 @@ def tonight(site: Site, mount: Mount | None, camera: Camera, catalog: StarCatalo
         dark_from_ns=int(utc_ns[dark.start]) if dark is not None else None,
         dark_until_ns=int(utc_ns[dark.stop - 1]) if dark is not None else None,
         moon_up_share=float((moon_deg[dark] > 0).mean()) if dark is not None else math.nan,
-        moon_lit=float(1 - sun[middle] @ moon[middle]) / 2,
+        moon_lit=float(1 - product(sun[middle], moon[middle])) / 2,
         sun_nearest_deg=_least(sun_off),
         sun_nearest_ns=int(utc_ns[np.argmin(sun_off)]),
         moon_nearest_deg=_least(moon_off),
@@ -85,7 +86,7 @@ def _stars(
     site: Site, mount: Mount, camera: Camera, catalog: StarCatalog, utc_ns: NDArray[np.int64]
 ) -> tuple[StarCount, ...]:
     shown = utc_ns[::_STARS_EVERY]
-    rotations = horizon_to_sensor(mount) @ icrs_to_horizon(site, shown)
+    rotations = product(horizon_to_sensor(mount), icrs_to_horizon(site, shown))
     counts = [min(stars_in_field(catalog, camera, rotation), MAX_OBJECTS) for rotation in rotations]
     return tuple(StarCount(at, count) for at, count in zip(shown.tolist(), counts, strict=True))
 
@@ -105,7 +106,7 @@ def _separations_deg(
     """Of unit vectors (N, 3) from the boresight, infinite where they do not count."""
     if boresight is None:
         return np.full(len(bodies), np.inf)
-    apart = np.degrees(np.arctan2(np.linalg.norm(np.cross(bodies, boresight), axis=1), bodies @ boresight))
+    apart = np.degrees(np.arctan2(np.linalg.norm(np.cross(bodies, boresight), axis=1), product(bodies, boresight)))
     return np.where(counts, apart, np.inf)
 
 

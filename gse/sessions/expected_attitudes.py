@@ -17,6 +17,7 @@ from drivers.chunk import LinkEvent
 from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
 from gse.count_text import count_text
 from gse.external.answers import ExternalAnswer
+from gse.matrices import product
 from gse.station.attitude_table import ACQUIRED, ANGLES, QUATERNION
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.results import Subject
@@ -179,7 +180,7 @@ class ExpectedAttitudes:
 
     def _stated(self, given: _Given) -> NDArray[np.float64]:
         frame = icrs_to_frame(self._convention.frame, np.array([given.utc_ns]))
-        return np.asarray(given.icrs_to_sensor[None] @ frame.transpose(0, 2, 1))  # type: ignore[index]
+        return np.asarray(product(given.icrs_to_sensor[None], frame.transpose(0, 2, 1)))  # type: ignore[index]
 
     def _as_sent(self, sent: np.void, numbers: dict[str, float]) -> AttitudeMessage:
         values: dict[str, Any] = {name: float(np.nan_to_num(number)) for name, number in numbers.items()}

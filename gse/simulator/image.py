@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.imaging.extraction import extract, extract_sub_pixel
+from gse.matrices import product
 from gse.process.jit import compiled, compiled_part
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.photometry import BIAS_INDEX, Photometry
@@ -107,7 +108,7 @@ class ImageSource:
         x = np.linspace(0, self._camera.columns - 1, _GRID)
         y = np.linspace(0, self._camera.rows - 1, _GRID)
         xy_px = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        directions_horizon = self._camera.directions(xy_px) @ self._scene.horizon_to_sensor
+        directions_horizon = product(self._camera.directions(xy_px), self._scene.horizon_to_sensor)
         magnitudes = self._scene.sky_magnitudes(directions_horizon, utc_ns)
         electrons = [self._photometry.sky_electrons(float(magnitude), exposure_s) for magnitude in magnitudes]
         return np.array(electrons).reshape(_GRID, _GRID)

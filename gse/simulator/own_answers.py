@@ -15,6 +15,7 @@ from gse.attitude_convention import AttitudeConvention, ReferenceFrame, state_an
 from gse.config.station import Station
 from gse.constants import ARCSEC_RAD
 from gse.instant import NS_PER_S, to_julian_date
+from gse.matrices import length, product
 from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.scenario import Attitude, Scenario
 from gse.simulator.sky import CELL_NS, AstropySite, Track, earth_orientation, times_of
@@ -63,7 +64,7 @@ class OwnAnswers:
 
     def _numbers(self, utc_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """RA, DE and roll (3,), and the quaternion (4,), as they are sent."""
-        measured = self._measured(utc_ns) @ _icrs_to(self._convention.frame, utc_ns).T
+        measured = product(self._measured(utc_ns), _icrs_to(self._convention.frame, utc_ns).T)
         sent = state_angles(measured[None], self._convention)[0], state_quaternions(measured[None], self._convention)[0]
         since_s = (utc_ns - self._start_ns) / NS_PER_S
         if _inside(since_s, self._traits.zeros_s):
@@ -82,12 +83,12 @@ class OwnAnswers:
         across_x, across_y, roll = noise + self._traits.bias_arcsec
         # what lies along columns (x) is a turn about -y, along rows (y) one about x
         error = Rotation.from_rotvec(np.array([across_y, -across_x, roll]) * ARCSEC_RAD).as_matrix()
-        self._earlier.append(error @ self._direction.icrs_to_sensor(utc_ns))
+        self._earlier.append(product(error, self._direction.icrs_to_sensor(utc_ns)))
         found = self._earlier[0]
         if self._random.random() < self._traits.false_answers:
             axis = self._random.normal(size=3)
-            axis *= np.radians(self._random.uniform(*_FALSE_DEG)) / np.linalg.norm(axis)
-            found = Rotation.from_rotvec(axis).as_matrix() @ found
+            axis *= np.radians(self._random.uniform(*_FALSE_DEG)) / length(axis)
+            found = product(Rotation.from_rotvec(axis).as_matrix(), found)
         return np.asarray(found)
 
 
@@ -99,14 +100,14 @@ class _Direction:
         self._corrected = corrected
         seen = np.array([[0, 0, 1], [_BESIDE_RAD, 0, 1], [0, _BESIDE_RAD, 1]])
         self._seen = seen / np.linalg.norm(seen, axis=1)[:, None]
-        self._horizon = self._seen @ horizon_to_sensor(station.mount)
+        self._horizon = product(self._seen, horizon_to_sensor(station.mount))
         self._track: Track | None = None
 
     def icrs_to_sensor(self, utc_ns: int) -> NDArray[np.float64]:
         """The rotation (3, 3) at an instant."""
         if self._track is None or not 0 <= utc_ns - self._track.start_ns < CELL_NS:
             self._track = self._over(utc_ns // CELL_NS * CELL_NS)
-        return _axes(self._seen) @ _axes(self._track.directions(utc_ns)).T
+        return np.asarray(product(_axes(self._seen), _axes(self._track.directions(utc_ns)).T))
 
     def _over(self, start_ns: int) -> Track:
         times = times_of(start_ns)[:, None]
@@ -126,12 +127,12 @@ class _Direction:
 
 def _axes(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Axes in columns: z along the first of three directions (3, 3), x by the mean of what the two beside it show."""
-    z = directions[0] / np.linalg.norm(directions[0])
+    z = directions[0] / length(directions[0])
     along_x, along_y = (
-        (beside - (beside @ z) * z) / np.linalg.norm(beside - (beside @ z) * z) for beside in directions[1:]
+        (beside - product(beside, z) * z) / length(beside - product(beside, z) * z) for beside in directions[1:]
     )
     x = along_x + np.cross(along_y, z)
-    x /= np.linalg.norm(x)
+    x /= length(x)
     return np.column_stack([x, np.cross(z, x), z])
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.constants import ARCSEC_RAD
+from gse.matrices import product
 from gse.mount import Mount
 from gse.simulator.scenario import Motion
 
@@ -21,7 +22,7 @@ def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
     to_the_right = _about(2, mount.azimuth_deg)
     tilt_up = _about(0, -mount.altitude_deg)
     roll_left = _about(2, mount.roll_deg)
-    rotation: NDArray[np.float64] = roll_left @ tilt_up @ upright_north @ to_the_right
+    rotation: NDArray[np.float64] = product(roll_left, tilt_up, upright_north, to_the_right)
     return rotation
 
 

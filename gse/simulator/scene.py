@@ -10,6 +10,7 @@ from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import Station
 from gse.instant import to_julian_year
+from gse.matrices import product
 from gse.simulator.bodies import FIRST_PLANET, MOON, SUN, BodyCell, bodies_over
 from gse.simulator.pointing import horizon_to_sensor, moved_by
 from gse.simulator.scenario import Air, Scenario, profile_at
@@ -121,14 +122,14 @@ class Scene:
         """The Moon where it is on the detector or near it and above the horizon."""
         bodies = self.bodies(utc_ns)
         # Within 300 s it moves by 1.3 deg.
-        if self.is_capped(utc_ns) or bodies.track.nodes[0, MOON] @ self.horizon_to_sensor[2] < math.cos(
+        if self.is_capped(utc_ns) or product(bodies.track.nodes[0, MOON], self.horizon_to_sensor[2]) < math.cos(
             self._radius_rad + _MOON_MOVES_RAD
         ):
             return None
         places_horizon = bodies.track.directions(utc_ns)
         if places_horizon[MOON][2] <= 0:
             return None
-        moon_sensor, sun_sensor = places_horizon[[MOON, SUN]] @ self.horizon_to_sensor.T
+        moon_sensor, sun_sensor = product(places_horizon[[MOON, SUN]], self.horizon_to_sensor.T)
         xy_px, nearer_px = self.camera.pixels(np.array([moon_sensor, moon_sensor + _STEP_RAD * sun_sensor]))
         sunwards = (nearer_px - xy_px) / max(float(np.hypot(*(nearer_px - xy_px))), 1e-9)
         radius_px = bodies.moon_radius_rad / self.camera.pixel_rad
@@ -156,8 +157,8 @@ class Scene:
         return self._sky
 
     def _pixels(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
-        moved = moved_by(self._scenario.motion, self.since_start_s(utc_ns)) @ self.horizon_to_sensor
-        return self.camera.pixels(points.track.directions(utc_ns) @ moved.T)
+        moved = product(moved_by(self._scenario.motion, self.since_start_s(utc_ns)), self.horizon_to_sensor)
+        return self.camera.pixels(product(points.track.directions(utc_ns), moved.T))
 
 
 class Satellites:

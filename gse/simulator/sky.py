@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog, merge_doubles
 from gse.instant import NS_PER_S, to_julian_date
+from gse.matrices import product
 from gse.site import Site
 
 CELL_NS = 300 * NS_PER_S
@@ -62,7 +63,7 @@ class Track:
                 t * (t - 1) * (t - 2) / 6,
             ]
         )
-        seen: NDArray[np.float64] = weights @ self.nodes.reshape(4, -1)
+        seen: NDArray[np.float64] = product(weights, self.nodes.reshape(4, -1))
         return seen.reshape(-1, 3)
 
 
@@ -115,7 +116,7 @@ class Sky:
         with earth_orientation():
             centre_icrs = self._icrs(boresight_horizon, start_ns + CELL_NS // 2)
             bright = int(np.searchsorted(self._catalog.magnitude, faintest_magnitude))
-            near = np.flatnonzero(self._catalog.icrs[:bright] @ centre_icrs > math.cos(reach_rad))
+            near = np.flatnonzero(product(self._catalog.icrs[:bright], centre_icrs) > math.cos(reach_rad))
             stars = self._catalog.rows(near)
             if self._merged_within_rad > 0:
                 stars = merge_doubles(stars, self._merged_within_rad)

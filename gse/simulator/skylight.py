@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import product
 from gse.simulator.bodies import MOON, SUN, BodyCell
 
 DARK_MAGNITUDE = 21.3
@@ -54,7 +55,7 @@ def _moonlight(
     directions: NDArray[np.float64], moon: NDArray[np.float64], moon_magnitude: float
 ) -> NDArray[np.float64]:
     """Nanolamberts that the air scatters from the Moon."""
-    cosine = np.clip(directions @ moon, -1, 1)
+    cosine = np.clip(product(directions, moon), -1, 1)
     separation_deg = np.degrees(np.arccos(cosine))
     illuminance = 10 ** (-0.4 * (moon_magnitude + 16.57))
     scattering = 10**5.36 * (1.06 + cosine**2) + 10 ** (6.15 - separation_deg / 40)
@@ -68,5 +69,5 @@ def _twilight_magnitude(directions: NDArray[np.float64], sun: NDArray[np.float64
     from_five = max(min(down_deg - 5, 12.0), -10.0)
     zenith = 11.84 + 1.518 * from_five - 0.057 * max(from_five, 0.0) ** 2 + 4 * max(down_deg - 17, 0.0)
     # Twice as bright some 40 deg off the zenith on the Sun's side, half as bright on the other.
-    sunwards = directions[:, :2] @ sun[:2] / max(float(np.hypot(sun[0], sun[1])), 1e-9)
+    sunwards = product(directions[:, :2], sun[:2]) / max(float(np.hypot(sun[0], sun[1])), 1e-9)
     return np.asarray(zenith - 1.2 * sunwards, dtype=np.float64)

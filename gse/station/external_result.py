@@ -18,6 +18,7 @@ from gse.external.answers import ExternalAnswer, Failure
 from gse.external.identifier import ExternalIdentifier, Given
 from gse.external.panoramas import rows_here
 from gse.identifier import Answers, Identification, Reason, Unidentified
+from gse.matrices import product
 from gse.mount import Mount
 from gse.panorama import Panorama, Panoramas
 from gse.station.attitude_error import attitude_errors
@@ -123,8 +124,8 @@ def geometric_of(
 ) -> Attitude:
     """The geometric attitude that follows from an answered one and the directions (N, 3) of the objects."""
     seen = directions_sensor if len(directions_sensor) > 1 else _CROSS
-    zenith_sensor = attitude.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns)[2]
-    apparent = truth.apparent(seen @ attitude.icrs_to_sensor, utc_ns)
+    zenith_sensor = product(attitude.icrs_to_sensor, truth.icrs_to_horizon(utc_ns)[2])
+    apparent = truth.apparent(product(seen, attitude.icrs_to_sensor), utc_ns)
     return solve_attitude(truth.unrefracted(seen, zenith_sensor), apparent, 1e-4)
 
 
@@ -142,9 +143,11 @@ def residuals_of(
     measured = directions_sensor.take(found.objects, axis=0)
     stars_icrs = catalog.icrs.take(found.stars, axis=0)
     if truth is not None:
-        zenith_sensor = attitude.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns)[2]
+        zenith_sensor = product(attitude.icrs_to_sensor, truth.icrs_to_horizon(utc_ns)[2])
         measured, stars_icrs = truth.unrefracted(measured, zenith_sensor), truth.apparent(stars_icrs, utc_ns)
-    residuals_arcsec: NDArray[np.float64] = (measured - stars_icrs @ attitude.icrs_to_sensor.T)[:, :2] * ARCSEC_PER_RAD
+    residuals_arcsec: NDArray[np.float64] = (measured - product(stars_icrs, attitude.icrs_to_sensor.T))[
+        :, :2
+    ] * ARCSEC_PER_RAD
     return residuals_arcsec
 
 

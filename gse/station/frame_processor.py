@@ -13,6 +13,7 @@ from gse.external.identifier import ExternalIdentifier
 from gse.identifier import Answers, Identifier, ObjectColumns, Reason, Unidentified
 from gse.identifier.result import answered
 from gse.identifier.robust import RobustIdentifier
+from gse.matrices import product
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panoramas
 from gse.station import external_result
@@ -260,7 +261,7 @@ class FrameProcessor:
         for k in np.flatnonzero(close).tolist():
             stars = identified.directions_sensor[panoramas.parts.rows(k)]
             ((_, _, up),) = self.truth.icrs_to_horizon_at(panoramas.utc_ns[[k]])
-            lifted = stars - self.truth.unrefracted(stars, identified.attitudes.icrs_to_sensor[k] @ up)
+            lifted = stars - self.truth.unrefracted(stars, product(identified.attitudes.icrs_to_sensor[k], up))
             by_air_rad = _TIMES_PARTED * float(np.sqrt(lifted.var(axis=0).sum()))
             if identified.separation_rad[k] < _SAME_BORESIGHT_RAD + by_air_rad:
                 checks[k] = _CORRECT

@@ -10,6 +10,7 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.count_text import count_text
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
+from gse.matrices import product
 from gse.star_influence import attitude_operators, star_covariance, unfitted
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.frame_table import ANSWER_CHECKS, residuals_of, xy_px_of
@@ -40,7 +41,7 @@ class MeasuredMounts:
             return
         utc_ns = result.panorama.utc_ns
         self._utc_ns.append(utc_ns)
-        rotation = result.attitude_geometric.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns).T
+        rotation = product(result.attitude_geometric.icrs_to_sensor, truth.icrs_to_horizon(utc_ns).T)
         self._rotations.extend(rotation.ravel().tolist())
 
     def on_results(self, results: FrameResults, session: SessionData) -> None:

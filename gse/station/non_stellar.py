@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.identifier import Answers
 from gse.instant import NS_PER_S
+from gse.matrices import product
 from gse.panorama import Panoramas
 from gse.parts import Parts
 from gse.site import Site
@@ -114,7 +115,7 @@ class NonStellarObjects:
         for k in named[self._looks(utc_ns.tolist())].tolist():
             here = parts.rows(k)
             kinds[begin : here.start] = self._are_hot(xy_px[begin : here.start])
-            self._look(xy_px[here], directions_sensor.take(rows[here], axis=0) @ icrs_to_sensor[k])
+            self._look(xy_px[here], product(directions_sensor.take(rows[here], axis=0), icrs_to_sensor[k]))
             begin = here.start
         kinds[begin:] = self._are_hot(xy_px[begin:])
         if truth_known:
@@ -155,7 +156,7 @@ class NonStellarObjects:
             from_boresight = (bodies_icrs * icrs_to_sensor[of_cell, None, 2]).sum(axis=2)
             for k, body in zip(*(from_boresight > self._cos_reach).nonzero(), strict=True):
                 rotation, name = icrs_to_sensor[of_cell[k]], BODIES[body]
-                (place_px,) = self._camera.pixels(bodies_icrs[body, None] @ rotation.T)
+                (place_px,) = self._camera.pixels(product(bodies_icrs[body, None], rotation.T))
                 yield int(of_cell[k]), name, place_px, moon_px if name == "Moon" else PLANET_WITHIN_PX
 
     def _bodies_of(self, cell: int) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from gse.attitude import Attitude, Attitudes
 from gse.attitude_convention import AttitudeConvention
 from gse.camera import Camera
 from gse.identifier import Answers
+from gse.matrices import product
 from gse.mount import Mount
 from gse.panorama import Panorama, Panoramas
 from gse.station.attitude_error import attitude_errors
@@ -66,7 +67,7 @@ class OwnAnswerProcessor:
             measured[0] = Attitude(seen, _NO_COVARIANCE)
             if truth is not None:
                 (shift,) = self._of(truth, mount or _looking_at(seen, truth, panorama.utc_ns)).shifts(utc_ns)
-                geometric[0] = Attitude(shift.T @ seen, _NO_COVARIANCE)
+                geometric[0] = Attitude(product(shift.T, seen), _NO_COVARIANCE)
             if truth is not None and mount is not None:
                 true[0] = truth.attitude_true(panorama.utc_ns, mount)
                 errors_arcsec = attitude_errors(geometric.icrs_to_sensor, true.icrs_to_sensor)
@@ -100,4 +101,4 @@ class OwnAnswerProcessor:
 
 def _looking_at(measured: NDArray[np.float64], truth: SiderealTruth, utc_ns: int) -> Mount:
     """The mount that the answer itself shows, for refraction while the mount is not fitted yet."""
-    return mount_of(measured @ truth.icrs_to_horizon(utc_ns).T)
+    return mount_of(product(measured, truth.icrs_to_horizon(utc_ns).T))

@@ -12,11 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.attitude import solve_attitude
 from gse.attitude_convention import AttitudeConvention, read_angles, read_quaternions, state_angles
 from gse.axis import ALL_AXES, D_ROLL
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
+from gse.matrices import length, product
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
@@ -67,7 +69,7 @@ def measured_rotations(
     if not by_angle.all():
         quaternions = np.column_stack([answers[name][~by_angle] for name in QUATERNION])
         read[~by_angle] = read_quaternions(quaternions, convention)
-    return read @ icrs_to_frame(convention.frame, utc_ns)
+    return np.asarray(product(read, icrs_to_frame(convention.frame, utc_ns)), dtype=np.float64)
 
 
 def field_of(camera: Camera) -> NDArray[np.float64]:
@@ -91,8 +93,8 @@ class OwnAnswerTruth:
 
     def expected(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Rotations (M, 3, 3) from ICRS to the sensor at instants (M,)."""
-        geometric = horizon_to_sensor(self.mount) @ self.truth.icrs_to_horizon_at(utc_ns)
-        return self.shifts(utc_ns) @ geometric
+        geometric = product(horizon_to_sensor(self.mount), self.truth.icrs_to_horizon_at(utc_ns))
+        return np.asarray(product(self.shifts(utc_ns), geometric))
 
     def shifts(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Rotations (M, 3, 3) in the sensor frame from the geometric attitude to the one that the sensor answers."""
@@ -104,7 +106,7 @@ class OwnAnswerTruth:
         if self.field_sensor is None:
             return 0.0
         seen, stars = self._stars(utc_ns)
-        left = seen - stars @ _fitted(seen, stars).T
+        left = seen - product(stars, _fitted(seen, stars).T)
         return math.sqrt(float((left**2).sum(axis=1).mean())) * ARCSEC_PER_RAD
 
     def _shift(self, cell: int) -> NDArray[np.float64]:
@@ -118,20 +120,20 @@ class OwnAnswerTruth:
     def _computed(self, utc_ns: int) -> NDArray[np.float64]:
         seen, stars = self._stars(utc_ns)
         # of a small field the boresight by its star, the turn about it by the stars beside it
-        return _triad(seen) @ _triad(stars).T if seen is _NEAR else _fitted(seen, stars)
+        return product(_triad(seen), _triad(stars).T) if seen is _NEAR else _fitted(seen, stars)
 
     def _stars(self, utc_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Directions (N, 3) of the field, and where the mount has the stars seen there, in the sensor frame."""
         geometric = self.truth.attitude_true(utc_ns, self.mount).icrs_to_sensor
-        zenith_sensor = geometric @ self.truth.icrs_to_horizon(utc_ns)[2]
+        zenith_sensor = product(geometric, self.truth.icrs_to_horizon(utc_ns)[2])
         seen = _NEAR if self.field_sensor is None else self.field_sensor
-        up = seen @ zenith_sensor > _LOWEST
+        up = product(seen, zenith_sensor) > _LOWEST
         if not up.all():
             seen = seen[up] if up.sum() >= len(_NEAR) else _NEAR
-        stars = self.truth.unrefracted(seen, zenith_sensor) @ geometric
+        stars = product(self.truth.unrefracted(seen, zenith_sensor), geometric)
         if not self.aberration_corrected:
             stars = self._catalogue_places(stars, utc_ns)
-        return seen, stars @ geometric.T
+        return seen, product(stars, geometric.T)
 
     def _catalogue_places(self, apparent: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
         stars = apparent.copy()
@@ -143,8 +145,7 @@ class OwnAnswerTruth:
 
 def _fitted(seen: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
     """The rotation (3, 3) that turns true directions (N, 3) into those that are seen, by Wahba's least squares."""
-    u, _, vt = np.linalg.svd(seen.T @ true)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+    return solve_attitude(seen, true, 1.0).icrs_to_sensor
 
 
 def _triad(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -152,11 +153,11 @@ def _triad(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Refraction shears the field: by either of the two alone the turn would be some arcsec off, one way or the other.
     """
-    z = vectors[0] / np.linalg.norm(vectors[0])
-    beside = vectors[1:] - (vectors[1:] @ z)[:, None] * z
+    z = vectors[0] / length(vectors[0])
+    beside = vectors[1:] - product(vectors[1:], z)[:, None] * z
     along_x, along_y = beside / np.linalg.norm(beside, axis=1)[:, None]
     x = along_x + np.cross(along_y, z)
-    x /= np.linalg.norm(x)
+    x /= length(x)
     return np.column_stack([x, np.cross(z, x), z])
 
 

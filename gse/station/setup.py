@@ -21,6 +21,7 @@ from gse.identifier import Identification, Identifier, ObjectColumns, make_ident
 from gse.identifier.first_compilation import FirstCompilation, is_compiled
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import NS_PER_S, to_julian_year
+from gse.matrices import product
 from gse.panorama import MAX_OBJECTS
 from gse.process.installation import package_version
 from gse.process.jit import machine_code_folder
@@ -216,7 +217,7 @@ def _warm_up(identifier: Identifier | ExternalIdentifier, camera: Camera) -> Non
 def example_places(catalog: StarCatalog, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The brightest stars about ORION_RA_DE_DEG, image up to the north: pixels (N, 2), and falling brightness (N,)."""
     icrs_to_sensor = Attitude.from_angles(*ORION_RA_DE_DEG, 0.0).icrs_to_sensor
-    directions = catalog.icrs @ icrs_to_sensor.T
+    directions = product(catalog.icrs, icrs_to_sensor.T)
     xy_px = camera.pixels(directions[directions[:, 2] > _IN_FRONT])
     xy_px = xy_px[camera.contains(xy_px)][:MAX_OBJECTS]
     return xy_px, np.linspace(4000.0, 100.0, len(xy_px))

@@ -12,6 +12,7 @@ from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.instant import NS_PER_S
+from gse.matrices import product
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS
 from gse.site import Site
@@ -170,7 +171,7 @@ class SkyWatch:
                 continue
             boresight = self._horizon_to_sensor[2]
             separations = (separation_deg(body, boresight) for body in (sun, moon))
-            stars = stars_in_field(self._catalog, self._camera, self._horizon_to_sensor @ to_horizon[k])
+            stars = stars_in_field(self._catalog, self._camera, product(self._horizon_to_sensor, to_horizon[k]))
             yield Lights(*altitudes, *separations), float(min(stars, MAX_OBJECTS))
 
     def _seen(self, windows: Sequence[FrameColumns]) -> dict[int, NDArray[np.float64]]:
@@ -184,7 +185,7 @@ class SkyWatch:
         for (k, row), at_row in zip(middles.items(), icrs_to_horizon(self._site, utc_ns), strict=True):
             ra_deg, de_deg, roll_deg = (windows[k][f"{angle}_deg"][row] for angle in ("ra", "de", "roll"))
             attitude = Attitude.from_angles(ra_deg, de_deg, np.nan_to_num(roll_deg))
-            seen[k] = attitude.icrs_to_sensor @ at_row.T
+            seen[k] = product(attitude.icrs_to_sensor, at_row.T)
         return seen
 
 
@@ -207,6 +208,6 @@ def separation_deg(one: NDArray[np.float64], other: NDArray[np.float64]) -> floa
 
 def stars_in_field(catalog: StarCatalog, camera: Camera, icrs_to_sensor: NDArray[np.float64]) -> int:
     """How many stars of a catalogue stand on the detector."""
-    stars_sensor = catalog.icrs @ icrs_to_sensor.T
+    stars_sensor = product(catalog.icrs, icrs_to_sensor.T)
     near = stars_sensor[:, 2] > math.cos(_BESIDE * camera.diagonal_rad / 2)
     return int(camera.contains(camera.pixels(stars_sensor[near])).sum())

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import product
 from gse.statistics.student_mixture import MixedStudent
 
 ORDINATES = 32
@@ -91,16 +92,18 @@ def weighted_sum_error(weights: NDArray[np.float64], residuals: NDArray[np.float
     shapes = _shapes()
     last = len(factors)
     spectra = shapes.spectra[:, 1 : last + 1]
-    variance = spectra @ factors**2 + spectra[:, -1] * max(float(weights @ weights - factors @ factors), 0.0)
+    variance = product(spectra, factors**2) + spectra[:, -1] * max(
+        float(product(weights, weights) - product(factors, factors)), 0.0
+    )
     sinusoids = len(shapes.power)  # whose cosines are not independent
-    variance[-sinusoids:] = weights @ weights + shapes.power / len(weights) * _response(weights)
+    variance[-sinusoids:] = product(weights, weights) + shapes.power / len(weights) * _response(weights)
     posterior, scales = _posterior(squares, 2)
     return _mixed(posterior, scales * np.sqrt(variance), len(amplitudes))
 
 
 def _response(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean square, over all phases, of the weighted sum of each sinusoid of mean square 1."""
-    return np.repeat(np.abs(_waves(len(weights)) @ weights) ** 2, len(_PEAKS))
+    return np.repeat(np.abs(product(_waves(len(weights)), weights)) ** 2, len(_PEAKS))
 
 
 @functools.lru_cache(maxsize=4)
@@ -119,7 +122,7 @@ def cosines(values: NDArray[np.float64]) -> NDArray[np.float64]:
     White noise has its own variance in each.
     """
     edges, basis = _basis(len(values))
-    return np.asarray(math.sqrt(2 / len(values)) * (basis @ np.add.reduceat(values, edges)))
+    return np.asarray(math.sqrt(2 / len(values)) * product(basis, np.add.reduceat(values, edges)))
 
 
 @functools.lru_cache(maxsize=4)
@@ -137,7 +140,7 @@ def _posterior(squares: NDArray[np.float64], first: int) -> tuple[NDArray[np.flo
     From squared amplitudes (C,) at the places ``first``, ``first`` + 1, ... of the cosines.
     """
     inverse, log_factor = _likelihood(first, len(squares))
-    sums = inverse @ squares
+    sums = product(inverse, squares)
     log_weight = log_factor - 0.5 * len(squares) * np.log(sums)
     weights = np.exp(log_weight - log_weight.max())
     weights[weights < _NEGLIGIBLE] = 0.0
@@ -207,4 +210,4 @@ def _sinusoids(cycles: NDArray[np.float64], places: NDArray[np.int64]) -> NDArra
     basis = np.cos(math.pi * places[:, None] * place)
     size = np.where(places == 0, 1.0, 2.0)
     waves = (np.exp(2j * math.pi * number * place) / _PHASES for number in cycles)
-    return np.array([size * np.abs(basis @ wave) ** 2 for wave in waves])
+    return np.array([size * np.abs(product(basis, wave)) ** 2 for wave in waves])

@@ -26,6 +26,7 @@ from gse.attitude_convention import (
     read_angles,
     read_quaternions,
 )
+from gse.matrices import length, product
 from gse.station.attitude_error import attitude_errors
 from gse.truth.frames import icrs_to_frame
 
@@ -166,7 +167,7 @@ def _cosines(evidence: Evidence, some: NDArray[np.int64], base: AttitudeConventi
     """Cosine (24, 24) of the greatest turn against the truth, by body axes and by reference axes, in some answers."""
     matrices = np.array(list(proper_axes().values()))
     stated = from_quaternions(evidence.sent[some], scalar=base.scalar, conjugate=base.conjugate)
-    to_frame = icrs_to_frame(base.frame, evidence.utc_ns[some]) @ evidence.true[some].transpose(0, 2, 1)
+    to_frame = product(icrs_to_frame(base.frame, evidence.utc_ns[some]), evidence.true[some].transpose(0, 2, 1))
     turned = np.einsum("kab,qbc,kcd->kqad", stated, matrices, to_frame)
     trace = np.einsum("pad,kqad->kpq", matrices, turned)
     return np.asarray(((trace - 1) / 2).min(axis=0))
@@ -203,7 +204,7 @@ def _aberration(
 def _misfit(evidence: Evidence, convention: AttitudeConvention, true: NDArray[np.float64]) -> tuple[float, float]:
     """Size and standard uncertainty of what a convention leaves, in arcsec."""
     read = read_quaternions if evidence.is_quaternion else read_angles
-    measured = read(evidence.sent, convention) @ icrs_to_frame(convention.frame, evidence.utc_ns)
+    measured = product(read(evidence.sent, convention), icrs_to_frame(convention.frame, evidence.utc_ns))
     _, _, roll, x, y = attitude_errors(measured, true).T
     if not evidence.is_quaternion and np.isnan(evidence.sent[:, 2]).any():
         roll = np.zeros(len(x))
@@ -211,7 +212,7 @@ def _misfit(evidence: Evidence, convention: AttitudeConvention, true: NDArray[np
     turns = np.column_stack([x, y, roll * _ROLL_IN_PROPORTION])
     mean, change, sampling = _mean_and_change(evidence.utc_ns, turns)
     uncertainty = max(float(np.hypot(evidence.truth_arcsec, sampling)), _LEAST_UNCERTAINTY_ARCSEC)
-    return float(np.hypot(np.linalg.norm(mean), change)), uncertainty
+    return float(np.hypot(length(mean), change)), uncertainty
 
 
 def _mean_and_change(utc_ns: NDArray[np.int64], turns: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
@@ -223,11 +224,11 @@ def _mean_and_change(utc_ns: NDArray[np.int64], turns: NDArray[np.float64]) -> t
     blocks = np.array_split(np.argsort(utc_ns, kind="stable"), min(_BLOCKS, len(utc_ns) // 2))
     medians = np.array([np.median(turns[block], axis=0) for block in blocks])
     place = np.linspace(-0.5, 0.5, len(medians))
-    slope = place @ medians / (place @ place)
+    slope = product(place, medians) / product(place, place)
     scatter = (medians - medians.mean(axis=0) - np.outer(place, slope)).std(axis=0, ddof=2)
-    error_of_slope = scatter / np.sqrt(place @ place)
+    error_of_slope = scatter / np.sqrt(product(place, place))
     significant = np.abs(slope) > _DRIFT_SIGMAS * error_of_slope + _LEAST_UNCERTAINTY_ARCSEC
-    change = float(np.linalg.norm(np.where(significant, slope, 0.0)))
+    change = length(np.where(significant, slope, 0.0))
     return medians.mean(axis=0), change, float(scatter.max()) / np.sqrt(len(medians))
 
 

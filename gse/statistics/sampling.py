@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import product
 from gse.statistics.autocorrelation import mean_error, weighted_sum_error
 from gse.statistics.student_mixture import MixedStudent
 
@@ -116,8 +117,8 @@ def slope_bounds(slope: float, at: NDArray[np.float64], values: NDArray[np.float
     if not _tells(values) or at[-1] <= at[0]:
         return NO_BOUNDS
     from_middle = at - at.mean()
-    weights = from_middle / (from_middle @ from_middle)
-    residuals = values - values.mean() - (weights @ values) * from_middle
+    weights = from_middle / product(from_middle, from_middle)
+    residuals = values - values.mean() - product(weights, values) * from_middle
     if not _tells(residuals):
         return NO_BOUNDS
     return _symmetric(slope, _half_widths(weighted_sum_error(weights, residuals)))

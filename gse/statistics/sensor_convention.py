@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gse.attitude_convention import AttitudeConvention, from_angles
 from gse.finding import Finding
 from gse.instant import NS_PER_S
+from gse.matrices import product
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
@@ -88,9 +89,9 @@ def _by_stars(session: SessionData, rows: NDArray[np.int64], answers: NDArray[np
     station, middle = session.station, len(rows) // 2
     truth = truth_of(station.site, station.mount, session.earth_orientation)
     if truth is not None and station.mount.inertial is None:
-        mount = mount_of(left_in[middle] @ truth.icrs_to_horizon(int(utc_ns[middle])).T)
+        mount = mount_of(product(left_in[middle], truth.icrs_to_horizon(int(utc_ns[middle])).T))
         of_both = [OwnAnswerTruth(truth, mount, corrected).shifts(utc_ns) for corrected in (True, False)]
-        taken_out = of_both[0] @ of_both[1].transpose(0, 2, 1) @ left_in
+        taken_out = product(of_both[0], of_both[1].transpose(0, 2, 1), left_in)
     return Evidence(utc_ns, _sent(answers), left_in, taken_out, _BY_PANORAMAS_ARCSEC)
 
 

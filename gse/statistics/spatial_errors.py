@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import pinv, product
 from gse.star_influence import attitude_operators, boresight_shifts
 
 DEGREE = 3
@@ -68,13 +69,13 @@ def _axis(
     axis: str,
 ) -> SpatialErrors:
     values = matches[f"residual_{axis}_arcsec"].astype(np.float64)
-    inverse = np.linalg.pinv(basis.T @ basis)
-    fit = inverse @ (basis.T @ values)
-    left = values - basis @ fit
+    inverse = pinv(product(basis.T, basis))
+    fit = product(inverse, product(basis.T, values))
+    left = values - product(basis, fit)
     scores = np.stack([np.bincount(star, weights=part * left) for part in basis.T], axis=1)
     stars = len(scores)
     few = stars / (stars - basis.shape[1])
-    covariance = few * inverse @ (scores.T @ scores) @ inverse
+    covariance = product(few * inverse, product(scores.T, scores), inverse)
     column = 0 if axis == "x" else 1
     shifts = boresight_shifts(operators[:, :, column])[:, column]
     fov, pixel = (
@@ -92,14 +93,16 @@ def _part(
     frames: NDArray[np.int64],
 ) -> Part:
     """Mean square of a fitted part less what noise alone puts there, with the variance of a quadratic form."""
-    gram = basis.T @ basis / len(basis)
-    noise = float(np.trace(gram @ covariance))
-    square = float(fit @ gram @ fit) - noise
-    spread = gram @ covariance
-    variance = 2 * float(np.trace(spread @ spread)) + 4 * max(float(fit @ gram @ covariance @ gram @ fit), 0.0)
+    gram = product(basis.T, basis) / len(basis)
+    noise = float(np.trace(product(gram, covariance)))
+    square = float(product(fit, gram, fit)) - noise
+    spread = product(gram, covariance)
+    variance = 2 * float(np.trace(product(spread, spread))) + 4 * max(
+        float(product(fit, gram, covariance, gram, fit)), 0.0
+    )
     half = 1.96 * math.sqrt(variance)
     rms = math.sqrt(max(square, 0.0))
-    made = _per_frame(basis @ fit * shifts, frames)
+    made = _per_frame(product(basis, fit) * shifts, frames)
     by_noise = _per_frame_noise(basis, covariance, shifts, frames)
     boresight = math.sqrt(max(float((made**2).mean()) - by_noise, 0.0))
     return Part(rms, math.sqrt(max(square - half, 0.0)), math.sqrt(max(square + half, 0.0)), boresight)

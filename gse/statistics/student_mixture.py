@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from gse.matrices import product
 from gse.process.jit import compiled, compiled_part
 
 _MAX_STEPS = 100
@@ -24,7 +25,7 @@ class MixedStudent:
     def half_width(self, probability: float) -> float:
         """The error that is not exceeded, sign counted, with this probability above 0.5."""
         quantile = float(stdtrit(self.freedom, probability))
-        least, start = float(self.scales.min()) * quantile, float(self.weights @ self.scales) * quantile
+        least, start = float(self.scales.min()) * quantile, float(product(self.weights, self.scales)) * quantile
         return _quantile(self.weights, self.scales, self.freedom, probability, least, start)
 
     @property

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gse.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, OF_SENSOR, Axis
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.matrices import product
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import AxisStatistics, axis_statistics
@@ -210,7 +211,7 @@ def _star_fields(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], field
         rows = slice(first, first + _ROWS_AT_ONCE)
         ra, de = np.radians(ra_deg[rows]), np.radians(de_deg[rows])
         vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
-        cells = np.unique(np.concatenate([cells, np.floor(vectors / field_rad).astype(np.int64) @ place]))
+        cells = np.unique(np.concatenate([cells, product(np.floor(vectors / field_rad).astype(np.int64), place)]))
     return len(cells)
 
 

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from gse.matrices import pinv, product
+
 BLOCKS = 32
 """Means of so many equal parts of the session are fitted; their residuals' correlation widens the interval."""
 MIN_FRAMES = 60
@@ -49,12 +51,12 @@ def thermal_error(
         return None
     time = (time_s - time_s.mean()) / np.ptp(time_s)
     design = np.column_stack([np.ones_like(time), time, temperature - temperature.mean()])
-    inverse = np.linalg.pinv(design.T @ design)
-    fit = inverse @ (design.T @ error)
-    left = error - design @ fit
+    inverse = pinv(product(design.T, design))
+    fit = product(inverse, product(design.T, error))
+    left = error - product(design, fit)
     widening = _widening(left)
     freedom = max(len(error) / widening - design.shape[1], 1.0)
-    variance = float(left @ left) / (len(error) - design.shape[1]) * widening * float(inverse[2, 2])
+    variance = float(product(left, left)) / (len(error) - design.shape[1]) * widening * float(inverse[2, 2])
     half = float(stdtrit(freedom, 0.975)) * math.sqrt(variance)
     slope = float(fit[2])
     return ThermalError(slope, slope - half, slope + half, float(np.ptp(temperature)))
@@ -62,8 +64,8 @@ def thermal_error(
 
 def _widening(left: NDArray[np.float64]) -> float:
     """By how much correlation of first order makes the variance of a slow regressor's coefficient larger."""
-    total = float(left @ left)
-    share = float(left[1:] @ left[:-1]) / total if total > 0 else 0.0
+    total = float(product(left, left))
+    share = float(product(left[1:], left[:-1])) / total if total > 0 else 0.0
     # The residuals of a fit show less correlation than the errors have (Kendall 1954).
     share = min(max(share + (1 + 4 * share) / len(left), 0.0), 0.9)
     return (1 + share) / (1 - share)

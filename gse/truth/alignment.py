@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
+from gse.matrices import pinv, product
 from gse.mount import Mount
 from gse.truth.mounting import horizon_to_sensor, mount_of
 
@@ -66,9 +67,9 @@ class Alignment:
         rotation = horizon_to_sensor(self.mount)
         azimuth = math.radians(self.mount.azimuth_deg)
         axes_horizon = np.column_stack([[0, 0, -1.0], [math.cos(azimuth), -math.sin(azimuth), 0.0], -rotation[2]])
-        turns = rotation @ axes_horizon
-        inverse = np.linalg.pinv(turns, rcond=1e-12)
-        variance = np.diag(inverse @ np.array(self.covariance_arcsec2) @ inverse.T)
+        turns = product(rotation, axes_horizon)
+        inverse = pinv(turns, rcond=1e-12)
+        variance = np.diag(product(inverse, np.array(self.covariance_arcsec2), inverse.T))
         one, two, three = (float(value) for value in np.sqrt(np.maximum(variance, 0.0)))
         return one, two, three
 
@@ -95,7 +96,7 @@ def fit_mount(
         sigma = np.maximum(_MAD_TO_SIGMA * np.median(np.abs(residual[kept] - middle), axis=0), 1e-9)
         before, kept = kept, np.all(np.abs(residual - middle) <= _REJECT_SIGMA * sigma, axis=1)
         step = residual[kept].mean(axis=0)
-        fitted = erfa.rv2m(-step) @ fitted  # ERFA's turns the axes
+        fitted = product(erfa.rv2m(-step), fitted)  # ERFA's turns the axes
         if (kept == before).all() and float(np.abs(step).max()) < 1e-12:
             break
     residual = small_rotations(horizon_to_sensor_each[kept], fitted) * ARCSEC_PER_RAD
@@ -114,7 +115,7 @@ def fit_mount(
 
 def small_rotations(rotations: NDArray[np.float64], about: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation vectors (M, 3), in radians in the sensor frame, from one rotation (3, 3) to each of (M, 3, 3)."""
-    turns = rotations @ about.T
+    turns = product(rotations, about.T)
     if (np.trace(turns, axis1=1, axis2=2) > 0).all():
         return np.asarray(-erfa.rm2v(turns))
     from scipy.spatial.transform import Rotation  # of half a turn ERFA loses the axis; most runs need not wait for this
@@ -144,4 +145,5 @@ def _covariance(utc_ns: NDArray[np.int64], residual: NDArray[np.float64]) -> NDA
     freedom = len(means) - 1
     if freedom < 3:
         return np.full((3, 3), math.nan)
-    return np.asarray(np.cov(means.T) / len(means) * freedom / (freedom - 2), dtype=np.float64)
+    left = means - means.mean(axis=0)
+    return np.asarray(product(left.T, left) / len(means) / (freedom - 2), dtype=np.float64)

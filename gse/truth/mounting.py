@@ -6,6 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import product
 from gse.mount import Mount
 
 _STAND = np.eye(3)
@@ -44,7 +45,7 @@ def mount_of(rotation: NDArray[np.float64]) -> Mount:
     zenithwards = np.array([-up * math.sin(azimuth), -up * math.cos(azimuth), level])
     left = np.array([-math.cos(azimuth), math.sin(azimuth), 0.0])
     image_up = -rotation[1]
-    roll = math.atan2(float(image_up @ left), float(image_up @ zenithwards))
+    roll = math.atan2(float(product(image_up, left)), float(product(image_up, zenithwards)))
     return Mount(
         azimuth_deg=math.degrees(azimuth) % 360.0,
         altitude_deg=math.degrees(math.atan2(up, level)),

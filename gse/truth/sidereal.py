@@ -17,6 +17,7 @@ from gse.attitude import Attitude, Attitudes
 from gse.constants import AU_M, DAY_S, EARTH_RATE_RAD_PER_S, LIGHT_M_PER_S
 from gse.errors import UsageError
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
+from gse.matrices import length, product
 from gse.mount import Mount
 from gse.site import Site
 from gse.truth.mounting import horizon_to_sensor
@@ -140,7 +141,7 @@ class SiderealTruth:
     @staticmethod
     def attitudes_true(icrs_to_horizon: NDArray[np.float64], mount: Mount) -> Attitudes:
         """``attitude_true`` at many instants, given their rotations (K, 3, 3)."""
-        rotations = horizon_to_sensor(mount) @ icrs_to_horizon
+        rotations = product(horizon_to_sensor(mount), icrs_to_horizon)
         return Attitudes(rotations, np.zeros(rotations.shape))
 
     def _cell(self, number: int) -> _Cell:
@@ -163,18 +164,18 @@ class SiderealTruth:
         )
         x_pole, y_pole = (0.0, 0.0) if "polar motion" in self.omit else (earth.x_pole_rad, earth.y_pole_rad)
         polar = erfa.ufunc.pom00(x_pole, y_pole, erfa.ufunc.sp00(*tt))
-        to_horizon = self._itrs_to_horizon @ polar
+        to_horizon = product(self._itrs_to_horizon, polar)
         heliocentric, barycentric = erfa.ufunc.epv00(*tt)[:2]  # TT for TDB: 2 ms
-        distance_au = float(np.linalg.norm(heliocentric["p"]))
+        distance_au = length(heliocentric["p"])
         moving = 0.0 if "annual aberration" in self.omit else AU_M / DAY_S / LIGHT_M_PER_S
         sin_0, cos_0 = math.sin(sidereal_rad), math.cos(sidereal_rad)
         turned = np.array([[cos_0, sin_0, 0.0], [-sin_0, cos_0, 0.0], [0.0, 0.0, 0.0]])
         quarter_on = np.array([[-sin_0, cos_0, 0.0], [-cos_0, -sin_0, 0.0], [0.0, 0.0, 0.0]])
         return _Cell(
             middle_ns,
-            to_horizon @ np.diag([0.0, 0.0, 1.0]) @ icrs_to_date,
-            to_horizon @ turned @ icrs_to_date,
-            to_horizon @ quarter_on @ icrs_to_date,
+            product(to_horizon, np.diag([0.0, 0.0, 1.0]), icrs_to_date),
+            product(to_horizon, turned, icrs_to_date),
+            product(to_horizon, quarter_on, icrs_to_date),
             heliocentric["p"] / distance_au,
             distance_au,
             barycentric["v"] * moving,
@@ -187,9 +188,9 @@ class SiderealTruth:
         _, _, _, bias, precession, _, nutation, _ = erfa.ufunc.pn06a(*tt)
         rotation = bias
         if "precession" not in self.omit:
-            rotation = precession @ rotation
+            rotation = product(precession, rotation)
         if "nutation" not in self.omit:
-            rotation = nutation @ rotation
+            rotation = product(nutation, rotation)
         return np.asarray(rotation, dtype=np.float64)
 
 

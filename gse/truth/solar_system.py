@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gse.constants import AU_M, DAY_S, LIGHT_M_PER_S
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_JD, to_julian_date
+from gse.matrices import product
 from gse.site import Site
 
 PLANETS = ("Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus")
@@ -73,7 +74,9 @@ def _julian_dates(utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArr
 
 def _icrs_to_horizon(site: Site, day: NDArray[np.float64], fraction: NDArray[np.float64]) -> NDArray[np.float64]:
     # Nutation to a milliarcsecond (2000B) takes a twentieth of the time of the full series.
-    rotations: NDArray[np.float64] = _earth_to_horizon(site) @ erfa.ufunc.c2t00b(day, fraction, day, fraction, 0.0, 0.0)
+    rotations: NDArray[np.float64] = product(
+        _earth_to_horizon(site), erfa.ufunc.c2t00b(day, fraction, day, fraction, 0.0, 0.0)
+    )
     return rotations
 
 
@@ -81,7 +84,7 @@ def _icrs_to_horizon(site: Site, day: NDArray[np.float64], fraction: NDArray[np.
 def _site_horizon_au(site: Site) -> NDArray[np.float64]:
     """Geocentric position (3,) of a site, along its own east, north and up; not to be written to."""
     position_m, _ = erfa.ufunc.gd2gc(_WGS84, *np.radians([site.longitude_deg, site.latitude_deg]), site.height_m)
-    return np.asarray(_earth_to_horizon(site) @ position_m / AU_M)
+    return np.asarray(product(_earth_to_horizon(site), position_m) / AU_M)
 
 
 @functools.lru_cache(maxsize=16)
@@ -103,5 +106,5 @@ def _site_icrs_au(site: Site, day: float, fraction: float) -> NDArray[np.float64
     longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
     position_m, _ = erfa.ufunc.gd2gc(_WGS84, longitude, latitude, site.height_m)
     icrs_to_earth = erfa.ufunc.c2t06a(day, fraction, day, fraction, 0.0, 0.0)
-    icrs_au: NDArray[np.float64] = position_m @ icrs_to_earth / AU_M
+    icrs_au: NDArray[np.float64] = product(position_m, icrs_to_earth) / AU_M
     return icrs_au

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.matrices import length, product
 from gse.mount import Mount
 from gse.station.frame_results import FrameResult
 from gse.truth import horizon_to_sensor
@@ -54,13 +55,13 @@ def mount_turn(result: FrameResult, used: Mount, stated: Mount) -> MountTurn | N
     """The turn to the ``stated`` mount by a result that was compared with the mount ``used``; None without truth."""
     if result.attitude_geometric is None or result.attitude_true is None:
         return None
-    icrs_to_horizon = horizon_to_sensor(used).T @ result.attitude_true.icrs_to_sensor
-    measured = result.attitude_geometric.icrs_to_sensor @ icrs_to_horizon.T
+    icrs_to_horizon = product(horizon_to_sensor(used).T, result.attitude_true.icrs_to_sensor)
+    measured = product(result.attitude_geometric.icrs_to_sensor, icrs_to_horizon.T)
     wanted = horizon_to_sensor(stated)
     here, there = measured[2], wanted[2]
     across, up, across_names, up_names = _axes(here)
-    angle_deg = math.degrees(math.atan2(float(np.linalg.norm(np.cross(here, there))), float(here @ there)))
-    x, y = float(there @ across), float(there @ up)
+    angle_deg = math.degrees(math.atan2(length(np.cross(here, there)), float(product(here, there))))
+    x, y = float(product(there, across)), float(product(there, up))
     scale = angle_deg / math.hypot(x, y) if math.hypot(x, y) else 0.0
     roll = Turn(_roll_deg(measured, wanted), "clockwise", "counter-clockwise")
     return MountTurn(Turn(x * scale, *across_names), Turn(y * scale, *up_names), roll)
@@ -76,7 +77,7 @@ def _axes(boresight: _Direction) -> tuple[_Direction, _Direction, _Names, _Names
     level = math.hypot(east, north)
     if math.degrees(math.atan2(up, level)) > NEAR_ZENITH_DEG:
         northwards = np.array([0.0, 1.0, 0.0]) - north * boresight
-        northwards /= np.linalg.norm(northwards)
+        northwards /= length(northwards)
         return np.cross(northwards, boresight), northwards, ("east", "west"), ("north", "south")
     right = np.array([north, -east, 0.0]) / (level or 1.0)
     wind = round(math.degrees(math.atan2(right[0], right[1])) / 45)
@@ -86,7 +87,7 @@ def _axes(boresight: _Direction) -> tuple[_Direction, _Direction, _Names, _Names
 
 def _roll_deg(measured: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
     """The turn about the boresight, clockwise for one who looks along it: from columns towards rows."""
-    change = wanted @ measured.T
+    change = product(wanted, measured.T)
     return math.degrees(math.atan2(change[0, 1] - change[1, 0], change[0, 0] + change[1, 1]))
 
 

@@ -14,6 +14,7 @@ from gse.drawing.outline import field_outline_sensor
 from gse.drawing.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
 from gse.limits import Limits
+from gse.matrices import product
 from gse.view.live_state import ErrorsSoFar
 from gse.view.series import EDGE, times
 
@@ -57,7 +58,7 @@ def send_sky(stream: rr.RecordingStream, columns: NDArray[np.void], camera: Came
     if len(answered):
         lasts = columns[answered[grouped(columns["utc_ns"][answered])[0]]]
         rotations = np.array([attitude.icrs_to_sensor for attitude in _attitudes_of(lasts)])
-        fields = (field_outline_sensor(camera) @ rotations).astype(np.float32)
+        fields = product(field_outline_sensor(camera), rotations).astype(np.float32)
         strips = rr.LineStrips3D.columns(strips=fields).partition(np.ones(len(fields), dtype=np.int64))
         stream.send_columns("/sky/field", [times(lasts["utc_ns"])], strips)
 
