@@ -5,7 +5,7 @@ Leap seconds are not counted, as in POSIX time; inside a leap second the instant
 
 import functools
 import re
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 from gse.constants import J2000_NS
 
@@ -15,6 +15,7 @@ UNIX_EPOCH_MJD = 40_587
 UNIX_EPOCH_JD = 2_440_587.5
 LAST_NS = 9_000_000_000 * NS_PER_S
 """In the year 2255: nanoseconds of 64 bits end in 2262."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _RFC_3339 = re.compile(r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:\.(\d{1,9}))?Z")
 
 
@@ -35,7 +36,7 @@ def to_text(utc_ns: int, digits: int = 6) -> str:
 @functools.lru_cache(maxsize=64)
 def _second_text(seconds: int) -> str:
     """Kept for the panoramas of the same second: it is most of the time that a text takes."""
-    return datetime.fromtimestamp(seconds, UTC).isoformat()[:19]
+    return (_EPOCH + timedelta(seconds=seconds)).isoformat()[:19]
 
 
 def from_text(text: str) -> int:
