@@ -7,14 +7,10 @@ functions that many rooms share. ARCHITECTURE.md is the plan. For notebooks: ``g
 
 from __future__ import annotations  # for the Pythons that gse.__main__ answers and does not run on
 
-import os
 from typing import TYPE_CHECKING, Any
 
-from gse.version import __version__ as __version__
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small: more threads wait for each other
-
 from gse.process import own_packages
+from gse.version import __version__ as __version__
 
 own_packages.claim()
 

@@ -4,7 +4,6 @@ import atexit
 import gc
 import io
 import os
-import platform
 import signal
 import sys
 import warnings
@@ -33,7 +32,6 @@ def main() -> None:
 
     gc.set_threshold(_NEW_OBJECTS)
     sys.setswitchinterval(_TURN_S)
-    _compute_as_on_any_processor()
     _share_one_allocator()
     _leave_warnings_to_developers()
     atexit.register(_leave_garbage)
@@ -55,15 +53,6 @@ def main() -> None:
         command_line()
     finally:
         sign_of_life.stop()
-
-
-def _compute_as_on_any_processor() -> None:
-    """Ask numpy's OpenBLAS, before it is loaded, for the instructions that every x86-64 processor has.
-
-    By itself it takes others on each kind of processor, and the last digits differ.
-    """
-    if platform.machine() in ("x86_64", "AMD64"):
-        os.environ.setdefault("OPENBLAS_CORETYPE", "Nehalem")
 
 
 def _share_one_allocator() -> None:

@@ -13,8 +13,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as gse does, where it comes before numpy
-
 import pytest
 from astropy.utils import iers
 from devices.command_line import Gse, runner

@@ -136,7 +136,10 @@ class Cluster:
 
 @contextmanager
 def cluster(folder: Path, workers: int = 2):
-    """A scheduler, workers with credentials of an SFTP server and an S3 server, and these servers."""
+    """A scheduler, workers with credentials of an SFTP server and an S3 server, and these servers.
+
+    The workers are those of an old processor, as far as OpenBLAS is concerned.
+    """
     with ExitStack() as stack:
         sshd = Sshd(folder)
         sshd.start()
@@ -150,6 +153,7 @@ def cluster(folder: Path, workers: int = 2):
                 "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{WORKER_TTL_S}s",
                 "DASK_TEMPORARY_DIRECTORY": str(folder),
                 "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+                "OPENBLAS_CORETYPE": "Nehalem",  # as on a processor that has no newer kernel
             }
         )
         address = f"tcp://127.0.0.1:{free_port()}"

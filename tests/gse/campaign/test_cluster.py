@@ -19,6 +19,7 @@ import pytest
 from devices.cluster import Started, cluster, start
 from devices.s3_server import BUCKET
 
+from gse.api import load
 from gse.campaign.cluster import cluster as connected
 from gse.campaign.cluster import past_lost_workers
 from gse.campaign.dataset import DataSet
@@ -74,6 +75,19 @@ def test_a_campaign_judges_as_replay_does_and_a_second_run_judges_nothing(runnin
     assert kept == next((tmp_path / "alone").glob("*/report.json")).read_text()
     again = json.loads(gse("campaign", "judge", nights, "--to", dataset, "--scheduler", running.address, "--json").out)
     assert again == done | {"judged": 0}
+
+
+def test_a_worker_started_by_hand_gives_the_digits_of_another_processor_too(running, gse, tmp_path):
+    """Its numpy took another kernel of OpenBLAS than this process (tests/devices/cluster.py)."""
+    folder, dataset = tmp_path / "half-way", tmp_path / "dataset"
+    folder.mkdir()
+    gse("simulate", "--scenario", "inclined", "--seed", 13, "--seconds", 2, "--file", folder / "night.mcap")
+    gse("campaign", "judge", folder, "--to", dataset, "--scheduler", running.address)
+    ours, theirs = (load(path).frames.drop_columns("key") for path in (folder / "night.mcap", dataset))
+    assert theirs.select(ours.column_names).to_pylist() == ours.to_pylist()
+    kept = json.loads(gse("campaign", "query", dataset, "select report_json from reports", "--format", "json").out)
+    gse("replay", folder / "night.mcap", "--out", tmp_path / "alone")
+    assert kept["report_json"] == next((tmp_path / "alone").glob("*/report.json")).read_text()
 
 
 def test_a_worker_that_is_killed_and_one_that_hangs_lose_nothing(running, nights, tmp_path):

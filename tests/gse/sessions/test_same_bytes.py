@@ -1,0 +1,107 @@
+"""The same bytes give the same report on every processor, in a notebook, in any time zone and in any language.
+
+The session is one on which two of OpenBLAS's kernels did not agree: a term of 0.0005 arcsec lies half way between two
+printed figures. tests/gse/campaign/test_cluster.py has it judged by a worker of Dask.
+"""
+
+import os
+import platform
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gse.cli import main
+
+KERNELS = ("Nehalem", "Haswell", "Zen")
+LESSER = {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512_SKX X86_V3 X86_V4"}
+FILES = ("report.json", "report.html", "frames.csv", "junit.xml")
+NOTEBOOK = """
+import sys
+import numpy as np
+np.ones((300, 300)) @ np.ones((300, 300))
+import gse
+print(gse.judge(sys.argv[1]).verdict)
+"""
+LEAP_SECONDS = 27
+"""From 1972 to 2017, as tzdata's right/UTC counts them."""
+
+of_x86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="these instructions are x86-64's")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("half-way") / "night.mcap"
+    with pytest.raises(SystemExit):
+        main(["simulate", "--scenario", "inclined", "--seed", "13", "--seconds", "2", "--file", str(path)])
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected(session: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The files of the report, by this process on this processor."""
+    out = tmp_path_factory.mktemp("here")
+    with pytest.raises(SystemExit):
+        main(["replay", str(session), "--out", str(out)])
+    return files_in(out)
+
+
+def files_in(out: Path) -> dict[str, bytes]:
+    return {name: next(out.glob(f"*/{name}")).read_bytes() for name in FILES}
+
+
+def by_a_command(session: Path, out: Path, environment: dict[str, str]) -> dict[str, bytes]:
+    command = [sys.executable, "-m", "gse", "replay", session, "--out", out]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True)
+    assert b"Traceback" not in done.stderr
+    return files_in(out)
+
+
+def by_a_notebook(session: Path, folder: Path, kernel: str) -> dict[str, bytes]:
+    """The tables that the judgement leaves, of every digit."""
+    folder.mkdir()
+    own = shutil.copy(session, folder)
+    command = [sys.executable, "-c", NOTEBOOK, own]
+    subprocess.run(command, env=os.environ | {"OPENBLAS_CORETYPE": kernel}, check=True, stdout=subprocess.DEVNULL)
+    return {path.name: path.read_bytes() for path in folder.glob("*.results/*/*.parquet")}
+
+
+@of_x86
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_a_command_gives_the_same_report_with_every_kernel_of_openblas(session, expected, tmp_path, kernel):
+    assert by_a_command(session, tmp_path, {"OPENBLAS_CORETYPE": kernel}) == expected
+
+
+@of_x86
+def test_a_command_gives_the_same_report_without_the_newer_instructions(session, expected, tmp_path):
+    assert by_a_command(session, tmp_path, LESSER) == expected
+
+
+@of_x86
+def test_a_notebook_leaves_the_same_tables_to_the_last_bit_whichever_kernel_its_numpy_took(session, tmp_path):
+    tables, others = (by_a_notebook(session, tmp_path / kernel, kernel) for kernel in KERNELS[:2])
+    assert {"frames.parquet", "sessions.parquet", "stars.parquet"} <= tables.keys()
+    assert tables == others
+
+
+def test_a_clock_that_counts_leap_seconds_and_a_language_with_a_comma_give_the_same_report(session, expected, tmp_path):
+    zone = tmp_path / "right-utc"
+    zone.write_bytes(leap_seconds_file())
+    locales = tmp_path / "locales"
+    locales.mkdir()
+    subprocess.run(["localedef", "-i", "de_DE", "-f", "ISO-8859-1", locales / "de_DE"], capture_output=True)
+    odd = {"TZ": f":{zone}", "LOCPATH": str(locales), "LC_ALL": "de_DE", "PYTHONUTF8": "0"}
+    seen = "import locale, time; locale.setlocale(locale.LC_ALL, ''); print(time.gmtime(10**9).tm_sec, f'{1.5:n}')"
+    done = subprocess.check_output([sys.executable, "-c", seen], env=os.environ | odd, text=True)
+    assert done.split() == [str((40 - LEAP_SECONDS) % 60), "1,5"]
+    assert by_a_command(session, tmp_path / "out", odd) == expected
+
+
+def leap_seconds_file() -> bytes:
+    """UTC as a time zone file (RFC 8536) whose clock counts leap seconds: its type, its name, the leap seconds."""
+    header = b"TZif" + bytes(16) + struct.pack(">6l", 0, 0, LEAP_SECONDS, 0, 1, 4)
+    years = (struct.pack(">2l", 78_796_800 + number * 31_536_000, number + 1) for number in range(LEAP_SECONDS))
+    return header + struct.pack(">lBB", 0, 0, 0) + b"UTC\0" + b"".join(years)
