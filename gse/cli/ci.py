@@ -66,8 +66,9 @@ def command(
     """Replay every session (.mcap) in FOLDER and compare its report with NAME.report.json beside it.
 
     All that the expected report states must be the same; only the version of gse may differ. What only the new report
-    states is listed as new; a new row of the verdict with a limit must be PASS. The exit code is 1 if a report differs,
-    is missing, or cannot be made.
+    states is listed as new; a new row of the verdict with a limit must be PASS. On a processor that is not of x86-64 a
+    figure may differ by one unit of its last printed digit; each that does is listed. The exit code is 1 if a report
+    differs, is missing, or cannot be made.
 
     With --identifier the answers are compared, frame by frame, and no report. The exit code is 1 if one differs, is
     missing, or is there more than expected; 5 if no frame was answered, now or then. Time-outs are counted apart.

@@ -13,6 +13,8 @@ from click.testing import CliRunner, Result
 from gse.cli.ci import command
 from gse.cli.simulate import command as simulate
 from gse.errors import UsageError
+from gse.sessions.golden import check
+from gse.sessions.replay import ReplayOptions
 
 
 def ci(*arguments: str | Path) -> Result:
@@ -45,6 +47,20 @@ def test_the_same_bytes_give_the_same_report(folder: Path) -> None:
     result = ci(folder)
     assert result.exit_code == 0
     assert result.stdout.splitlines()[-1] == "1 of 1 sessions give the expected report"
+
+
+def test_a_processor_that_is_not_of_x86_64_may_change_the_last_printed_digit_and_no_more(folder: Path) -> None:
+    path = folder / "night.report.json"
+    report = json.loads(path.read_text())
+    figures = report["accuracy"]["onboard"]["d_de"]
+    std_arcsec = figures["std_arcsec"]
+    for digits, is_allowed in ((1, True), (2, False)):
+        figures["std_arcsec"] = round(std_arcsec + digits * 0.001, 3)
+        path.write_text(json.dumps(report))
+        arm, x86_64 = (check(folder / "night.mcap", "night", ReplayOptions(), machine=of) for of in ("arm64", "AMD64"))
+        assert (arm.passed, x86_64.passed) == (is_allowed, False)
+        assert arm.allowed + arm.differences == x86_64.differences
+        assert x86_64.differences[0].startswith("accuracy.onboard.d_de.std_arcsec: expected ")
 
 
 def test_a_difference_is_told_by_its_place_and_fails(folder: Path, tmp_path: Path) -> None:
