@@ -7,6 +7,7 @@ is a session where a row of the accuracy, availability or false answers cannot b
 the way of PASS (gse.assessment.obstacles). PASS otherwise, with what was not tested.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from gse.assessment.obstacles import obstacles
 from gse.assessment.requirements import REQUIREMENTS, Case
 from gse.axis import ON_SKY
 from gse.budget.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.config.station import Station
 from gse.diagnosis.diagnosis import findings
 from gse.diagnosis.low_field import under_air
 from gse.diagnosis.sensor_findings import sensor_findings
@@ -29,6 +31,9 @@ from gse.statistics.session_statistics import Statistics, statistics
 
 TRUTH_SHARE = 3.0
 """Truth that is worse than this share of a limit is named where a session does not pass."""
+
+LEFT_OUT = ": neither limit nor data: "
+"""Between a subject and the names of its rows that a report leaves out, in a line of ``not_tested``."""
 
 _SIMULATED = ("sim://", "simulated")
 
@@ -106,7 +111,7 @@ def judge(session: SessionData) -> Assessment:
         stats,
         budget,
         found,
-        tuple(_not_tested(stats, rows, relative, len(session.sensor_attitudes))),
+        tuple(_not_tested(stats, rows, session.station, relative, len(session.sensor_attitudes))),
         relative,
         is_simulated(session),
         session.truncated,
@@ -150,8 +155,23 @@ def _relative_to(session: SessionData) -> str:
     return f"relative to a mount fitted on the first {align_s:g} s: absolute pointing, site and clock not tested"
 
 
-def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool, own_answers: int) -> Iterator[str]:
-    yield from (row.reason for row in rows if row.outcome is Outcome.NOT_TESTED)
+def is_left_out(row: Row, station: Station) -> bool:
+    """Whether a report only names a row: it has no limit and no value, and no requirement of the station file names it.
+
+    So a new row that nobody asks for changes no report of a session that does not show it.
+    """
+    return math.isnan(row.limit) and math.isnan(row.value) and row.name not in station.test.requirements
+
+
+def _not_tested(
+    stats: Statistics, rows: tuple[Row, ...], station: Station, relative: bool, own_answers: int
+) -> Iterator[str]:
+    untested = [row for row in rows if row.outcome is Outcome.NOT_TESTED]
+    yield from (row.reason for row in untested if not is_left_out(row, station))
+    for subject in stats.subjects:
+        names = [row.name for row in untested if row.subject == subject and is_left_out(row, station)]
+        if names:
+            yield f"{subject}{LEFT_OUT}{'; '.join(names)}"
     if Subject.SENSOR not in stats.subjects:
         yield _without_sensor(own_answers)
     if Subject.ONBOARD not in stats.subjects:

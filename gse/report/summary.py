@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.assessment.verdict import Assessment
+from gse.assessment.verdict import Assessment, is_left_out
 from gse.budget.truth_budget import TruthUncertaintyBudget
 from gse.report.documented_test import documented_test, requirement_of
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
@@ -45,7 +45,7 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "not_tested": assessment.not_tested,
         "decision": _decision(session),
         "test": documented_test(session, assessment.rows),
-        "measurements": [_row(session, row) for row in assessment.rows],
+        "measurements": [_row(session, row) for row in assessment.rows if not is_left_out(row, session.station)],
         "accuracy": {
             name: {**subject.axes, "half_cone_95": subject.half_cone_95} for name, subject in stats.subjects.items()
         },

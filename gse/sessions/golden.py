@@ -17,7 +17,7 @@ from drivers.errors import DriverError
 from drivers.host_files import only_a_file
 from drivers.session_file.reader import find_segments
 from drivers.whole_file import write_whole
-from gse.assessment.verdict import judge
+from gse.assessment.verdict import LEFT_OUT, judge
 from gse.config.choice import change_to
 from gse.errors import GseError, UsageError
 from gse.report import summarise
@@ -245,8 +245,8 @@ def _different_keys(expected: dict[str, Any], found: dict[str, Any], where: str,
 
 def _different_items(expected: list[Any], found: list[Any], where: str, aside: _Aside) -> Iterator[str]:
     if where == _WORDS_ON_ROWS:
-        yield from (f"{where} lacks the line {_brief(line)}" for line in expected if line not in found)
-        aside.new += [f"{where}: {line}" for line in found if line not in expected]
+        yield from (f"{where} lacks {_brief(line)}" for line in sorted(_untested(expected) - _untested(found)))
+        aside.new += [f"{where}: {line}" for line in sorted(_untested(found) - _untested(expected))]
         return
     rows, found_rows = _by_name(expected), _by_name(found)
     if rows is None or found_rows is None:
@@ -264,6 +264,15 @@ def _different_items(expected: list[Any], found: list[Any], where: str, aside: _
         yield f"{where}: the rows are in another order"
     for name in found_rows.keys() - rows.keys():
         yield from _new_row(found_rows[name], f"{where}[{name}]", aside)
+
+
+def _untested(lines: list[str]) -> set[str]:
+    """The lines on what was not tested, one that names several rows taken apart."""
+    apart = set()
+    for line in lines:
+        head, mark, names = line.partition(LEFT_OUT)
+        apart |= {f"{head}{mark}{name}" for name in names.split("; ")} if mark else {line}
+    return apart
 
 
 def _new_row(row: dict[str, Any], where: str, aside: _Aside) -> Iterator[str]:

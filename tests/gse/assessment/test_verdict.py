@@ -18,6 +18,7 @@ from gse.assessment.verdict import (
     _not_tested,
     _relative_to,
     _verdict,
+    is_left_out,
     is_simulated,
     judge,
 )
@@ -25,6 +26,7 @@ from gse.axis import AXES, D_DE, D_RA_COSDE, ON_SKY
 from gse.budget.mount_terms import STABILITY
 from gse.budget.truth_budget import TruthUncertaintyBudget
 from gse.budget.uncertainty import Term, combined
+from gse.config.documented_test import DocumentedTest
 from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.answer_definitions import by_each_idea
 from gse.errors import UsageError
@@ -643,7 +645,7 @@ def test_truth_is_complained_of_beyond_a_third_of_a_limit_and_the_sensors_only_w
 )
 def test_what_was_not_tested_is_told_after_the_rows_without_a_test(subjects, own_answers, relative, heads):
     rows = one_row(Outcome.FAIL), one_row(Outcome.NOT_TESTED, reason="no limit is stated"), one_row(Outcome.PASS)
-    told = list(_not_tested(SimpleNamespace(subjects=subjects), rows, relative, own_answers))
+    told = list(_not_tested(SimpleNamespace(subjects=subjects), rows, STATION, relative, own_answers))
     assert told[0] == "no limit is stated"
     assert len(told) == 1 + len(heads)
     assert all(line.startswith(head) for line, head in zip(told[1:], heads, strict=True))
@@ -787,3 +789,11 @@ def test_shares_tell_what_never_came_and_how_many_fields_false_answers_were_in(
     )
     assert false.reason == f"onboard false answers: 50 of 900 frames{beside_false} (5.56 %), the limit is 1.00 %"
     assert (available.limit, false.limit, available.unit, false.unit) == (0.95, 0.01, "", "")
+
+
+def test_a_row_without_limit_and_value_is_left_out_of_a_report_unless_a_requirement_names_it():
+    values_and_limits = ((math.nan, math.nan), (1.0, math.nan), (math.nan, 2.0))
+    rows = [Row(Subject.ONBOARD, "warmth", value, "K", limit, Outcome.NOT_TESTED) for value, limit in values_and_limits]
+    assert [is_left_out(row, STATION) for row in rows] == [True, False, False]
+    asked = STATION.model_copy(update={"test": DocumentedTest(requirements={"warmth": {"id": "SS-9"}})})
+    assert not any(is_left_out(row, asked) for row in rows)

@@ -16,6 +16,9 @@ from gse.errors import UsageError
 from gse.sessions.golden import check
 from gse.sessions.replay import ReplayOptions
 
+REPLAYS = Path(__file__).parents[3] / "replays"
+LEFT_OUT = "half-cone of 95 % of the boresights"
+
 
 def ci(*arguments: str | Path) -> Result:
     return CliRunner().invoke(command, [str(argument) for argument in arguments])
@@ -167,7 +170,7 @@ def test_a_new_row_that_is_not_pass_is_a_difference(folder: Path) -> None:
         (lambda report: report["measurements"][0].update(colour=None), "].colour is missing: expected null"),
         (lambda report: report["measurements"].append({"name": "warmth"}), "measurements[warmth] is missing"),
         (lambda report: report["measurements"].reverse(), "measurements: the rows are in another order"),
-        (lambda report: report["not_tested"].append("sensor: x"), 'not_tested lacks the line "sensor: x"'),
+        (lambda report: report["not_tested"].append("sensor: x"), 'not_tested lacks "sensor: x"'),
         (lambda report: report["reasons"].append("x"), "reasons: expected 1 items, got 0"),
         (lambda report: report["sky"]["stretches"].pop(), "sky.stretches: expected 0 items, got 1"),
     ],
@@ -179,3 +182,33 @@ def test_what_only_the_expected_report_has_is_a_difference(
     result = ci(folder)
     assert words in result.stdout
     assert result.exit_code == 1
+
+
+@pytest.fixture
+def unanswered(tmp_path: Path) -> Path:
+    """A folder with a session without an answer, so without a figure of accuracy."""
+    for name in ("000.mcap", "000.report.json"):
+        shutil.copy(REPLAYS / "lowell" / name, tmp_path)
+    return tmp_path
+
+
+def test_a_row_without_limit_and_value_is_named_in_one_line_instead(unanswered: Path) -> None:
+    assert ci(unanswered).exit_code == 0
+    report = json.loads((unanswered / "000.report.json").read_text())
+    assert LEFT_OUT not in {row["name"] for row in report["measurements"]}
+    assert [line for line in report["not_tested"] if LEFT_OUT in line] == [
+        f"onboard: neither limit nor data: {LEFT_OUT}"
+    ]
+
+
+def test_a_new_row_without_limit_and_value_is_new_and_a_missing_one_a_difference(unanswered: Path) -> None:
+    path = unanswered / "000.report.json"
+    line = f"onboard: neither limit nor data: {LEFT_OUT}"
+    edit(path, lambda report: report["not_tested"].remove(line))
+    newer = ci(unanswered)
+    assert f"new: not_tested: {line}\n" in newer.stdout
+    assert newer.exit_code == 0
+    edit(path, lambda report: report["not_tested"].append(f"{line}; warmth"))
+    older = ci(unanswered)
+    assert 'not_tested lacks "onboard: neither limit nor data: warmth"' in older.stdout
+    assert older.exit_code == 1
