@@ -23,7 +23,7 @@ from drivers.host_files import a_file_or_a_shells_pipe
 from drivers.outside_text import plain_lines
 from gse.attitude_convention import AttitudeConvention
 from gse.camera import Camera
-from gse.config.documented_test import DocumentedTest, Text
+from gse.config.paperwork import DocumentedTest, Text
 from gse.errors import ConfigError
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gse import instant
 from gse.assessment.verdict import Assessment, is_left_out
 from gse.budget.truth_budget import TruthUncertaintyBudget
-from gse.report.documented_test import documented_test, requirement_of
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
+from gse.report.paperwork import documented_test, requirement_of
 from gse.station.session_data import SessionData
 from gse.statistics.decision import DECISION_TEXT, RISK
 from gse.statistics.decision import Row as DecisionRow

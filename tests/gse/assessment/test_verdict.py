@@ -26,7 +26,7 @@ from gse.axis import AXES, D_DE, D_RA_COSDE, ON_SKY
 from gse.budget.mount_terms import STABILITY
 from gse.budget.truth_budget import TruthUncertaintyBudget
 from gse.budget.uncertainty import Term, combined
-from gse.config.documented_test import DocumentedTest
+from gse.config.paperwork import DocumentedTest
 from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.answer_definitions import by_each_idea
 from gse.errors import UsageError
