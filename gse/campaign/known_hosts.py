@@ -6,7 +6,8 @@ from typing import Any
 import paramiko
 from fsspec.implementations.sftp import SFTPFileSystem
 
-from gse.campaign.storage import SILENCE_S
+SILENCE_S = 60.0
+"""An SFTP server that does not answer for so long is gone."""
 
 
 class KnownHostsSFTP(SFTPFileSystem):  # type: ignore[misc]

@@ -22,11 +22,12 @@ import pyarrow as pa
 from fsspec.implementations.arrow import ArrowFSWrapper
 from pyarrow.fs import AwsStandardS3RetryStrategy, FileSelector, S3FileSystem, resolve_s3_region
 
-from gse.campaign.storage import SILENCE_S
 from gse.errors import UsageError
 
 OPTIONS = ("key", "secret", "token", "endpoint_url", "anon")
 _ATTEMPTS = 3
+_SILENCE_S = 60.0
+"""A server that does not answer for so long, over all attempts, is gone."""
 _CONNECT_S = 5.0
 """A connection takes a tenth of a second around the world."""
 _METADATA = "AWS_EC2_METADATA_DISABLED"
@@ -57,7 +58,7 @@ class S3(ArrowFSWrapper):  # type: ignore[misc]
                     anonymous=bool(options.get("anon")),
                     region=_variable("AWS_REGION", "AWS_DEFAULT_REGION") or (None if endpoint else _region_of(bucket)),
                     connect_timeout=_CONNECT_S,
-                    request_timeout=SILENCE_S / _ATTEMPTS,
+                    request_timeout=_SILENCE_S / _ATTEMPTS,
                     retry_strategy=AwsStandardS3RetryStrategy(max_attempts=_ATTEMPTS),
                     **_server(endpoint),
                 )

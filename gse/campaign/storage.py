@@ -28,8 +28,6 @@ from gse.errors import CampaignError, UsageError
 PROTOCOLS = ("file", "sftp", "ssh", "s3")
 PATIENCE_S = 180.0
 """A server is restarted in less."""
-SILENCE_S = 60.0
-"""An SFTP server that does not answer for so long is gone."""
 COPIED_AT_ONCE = 1 << 20
 PARTS = ".parts"
 """Folder of unfinished files, beside the tables, so that a reader of a table never meets one."""

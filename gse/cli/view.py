@@ -52,7 +52,8 @@ def command(
             save_screenshot(recording, screenshot)
             click.echo(f"picture: {screenshot}", err=True)
         if web:
-            from gse.view.server import Content, ViewServer
+            from gse.view.pages import Content
+            from gse.view.server import ViewServer
 
             server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording, verdict=verdict)))
             _serve_until_interrupt(server.url)

@@ -7,21 +7,22 @@ import hashlib
 import hmac
 import json
 import re
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import jinja2
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketHandler
 
-from gse.station.notes import note_text
+from gse.station.notes import Notes, note_text
+from gse.view.glance import Glance
 from gse.view.host_names import host_of
+from gse.view.recent import Piece
 from gse.view.viewer import rerun_version
-from gse.view.viewer_files import MEDIA_TYPES
-
-if TYPE_CHECKING:
-    from gse.view.server import ViewServer
+from gse.view.viewer_files import MEDIA_TYPES, ViewerFiles
 
 _FILES = {
     "glance.html.jinja": "text/html; charset=utf-8",
@@ -37,7 +38,45 @@ _WRONG_TOKEN_S = 1.0
 """The pause after a wrong token, for all senders together: four thousand million of them cannot be tried."""
 
 
-def application(server: "ViewServer") -> Application:
+class PieceAfter(Protocol):
+    """As ``RerunFeed.piece_after``."""
+
+    def __call__(self, place: str, *, last: bool) -> Piece: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Content:
+    """What is served: a running session (``glance``), or a ``recording`` (.rrd).
+
+    ``verdict`` is that of a recording: what the bar over it says, and its level. ``piece_after`` gives pages with
+    rerun's viewer what they do not have yet of a running session (``RerunFeed.piece_after``); None without rerun.
+    """
+
+    glance: Glance | None = None
+    notes: Notes | None = None
+    recording: Path | None = None
+    verdict: tuple[str, str] = ("", "")
+    piece_after: PieceAfter | None = None
+    files: ViewerFiles = field(default_factory=ViewerFiles)
+
+
+class Serving(Protocol):
+    """What the pages need of their server (gse.view.server)."""
+
+    bind: str
+    port: int
+    token: str
+    opened: bool
+    content: Content
+
+    def join(self, browser: WebSocketHandler) -> bool: ...
+
+    def ask(self, browser: WebSocketHandler) -> None: ...
+
+    def leave(self, browser: WebSocketHandler) -> None: ...
+
+
+def application(server: Serving) -> Application:
     """The pages of a server."""
     to_server = {"server": server}
     front, rerun = ("glance.html.jinja", "rerun.html") if server.content.glance else ("rerun.html", "rerun.html")
@@ -60,9 +99,9 @@ def application(server: "ViewServer") -> Application:
 class _Page(RequestHandler):
     """Any answer of the server: checks the Host, and lets pages talk to this server only."""
 
-    server: "ViewServer"
+    server: Serving
 
-    def initialize(self, server: "ViewServer", **extra: Any) -> None:
+    def initialize(self, server: Serving, **extra: Any) -> None:
         self.server = server
         self.extra = extra
 

@@ -17,10 +17,8 @@ import socket
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from tornado.httpserver import HTTPServer
 from tornado.iostream import IOStream, StreamClosedError
@@ -28,11 +26,8 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from drivers.clock import read_clock
 from gse.errors import GseError
-from gse.station.notes import Notes
-from gse.view.glance import Glance
 from gse.view.host_names import reachable_name
-from gse.view.recent import Piece
-from gse.view.viewer_files import ViewerFiles
+from gse.view.pages import Content, application
 
 _LOG = logging.getLogger(__name__)
 
@@ -54,28 +49,6 @@ _SHOW_VERDICT_S = 15.0
 ASLEEP_S = 8.0
 """Silence of a page that is not waited for: a phone in a pocket."""
 _CLOSE_WITHIN_S = 2.0
-
-
-class PieceAfter(Protocol):
-    """As ``RerunFeed.piece_after``."""
-
-    def __call__(self, place: str, *, last: bool) -> Piece: ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Content:
-    """What is served: a running session (``glance``), or a ``recording`` (.rrd).
-
-    ``verdict`` is that of a recording: what the bar over it says, and its level. ``piece_after`` gives pages with
-    rerun's viewer what they do not have yet of a running session (``RerunFeed.piece_after``); None without rerun.
-    """
-
-    glance: Glance | None = None
-    notes: Notes | None = None
-    recording: Path | None = None
-    verdict: tuple[str, str] = ("", "")
-    piece_after: PieceAfter | None = None
-    files: ViewerFiles = field(default_factory=ViewerFiles)
 
 
 class ViewServer:
@@ -158,8 +131,6 @@ class ViewServer:
             self._shown.set()
 
     async def _serve(self) -> None:
-        from gse.view.pages import application
-
         self._loop = asyncio.get_running_loop()
         server = _Server(
             application(self),

@@ -22,8 +22,9 @@ from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.live import LiveView
 from gse.view.live_state import LiveState
+from gse.view.pages import Content
 from gse.view.saved_view import save_view
-from gse.view.server import Content, ViewServer
+from gse.view.server import ViewServer
 
 FRAMES = 299
 """The 300th would have no answer, and so no stars to see."""
