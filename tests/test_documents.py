@@ -2,13 +2,19 @@
 
 import re
 import shlex
+from collections.abc import Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
+from typing import Any, get_args, get_type_hints
 
 import click
 import pytest
+from pydantic import BaseModel
 
 from drivers.chunk import LinkKind
 from gse.cli import cli
+from gse.config.station import Station
+from gse.identifier_options import PLUG_KEYS
 from gse.recording.event_kinds import RecorderKind
 from gse.station.event_kinds import StationKind
 
@@ -107,3 +113,61 @@ def is_understood(line: str) -> bool:
         return False
     known = {option for parameter in command.get_params(click.Context(command)) for option in parameter.opts}
     return {word.partition("=")[0] for word in words if word.startswith("-")} <= {"-h", "--help", *known}
+
+
+def commands(command: click.Command, path: str) -> Iterator[tuple[str, click.Command]]:
+    """A command and all below it, by the words that call them."""
+    yield path, command
+    if isinstance(command, click.Group):
+        for name in command.list_commands(click.Context(command)):
+            below = command.get_command(click.Context(command), name)
+            assert below is not None
+            yield from commands(below, f"{path} {name}")
+
+
+def test_the_page_of_the_command_line_has_each_command_with_each_option() -> None:
+    """python docs/make_command_line.py writes it."""
+    page = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+    parts = dict(re.findall(r"^## (gse[^\n]*)\n\n```\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
+    there = dict(commands(cli, "gse"))
+    assert sorted(parts) == sorted(there)
+    for path, command in there.items():
+        shown = set(re.findall(r"^  (?:-\w, )?(--[a-z][\w-]*)", parts[path], re.MULTILINE))
+        hidden = {option for param in command.params for option in param.opts if option.startswith("--")} - shown
+        assert hidden == set(), f"{path}; run docs/make_command_line.py"
+
+
+def keys_of(section: Any) -> dict[str, Any]:
+    """The keys of a section of the station file, and what each holds."""
+    if not isinstance(section, type) or not section.__module__.startswith("gse."):
+        return {}
+    if issubclass(section, BaseModel):
+        return {key: field.annotation for key, field in section.model_fields.items()}
+    return get_type_hints(section) if is_dataclass(section) else {}
+
+
+def sections_in(hint: Any) -> list[Any]:
+    """The sections that a key may hold, by itself, in a list, by name, or not at all."""
+    return [hint] if keys_of(hint) else [part for inner in get_args(hint) for part in sections_in(inner)]
+
+
+def station_keys(section: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Every key of the station file that holds a value, with the sections that it is in."""
+    for key, hint in keys_of(section).items():
+        below = sections_in(hint)
+        yield from [(*path, key)] if not below else (k for one in below for k in station_keys(one, (*path, key)))
+
+
+def test_the_page_of_the_station_file_has_each_key() -> None:
+    """A key of a section stands with its section; one further down, and one of a plug, on a page that is linked."""
+    pages = ("station-file.md", "uncertainty.md", "conventions.md", "external-identifiers.md")
+    page, *linked = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in pages)
+    every = [key for key in station_keys(Station) if key != ("mount", "stated")]  # which the reader itself sets
+    assert len(every) > 90
+    missing = [
+        ".".join(key)
+        for key in every
+        if f"`{'.'.join(key)}`" not in page
+        and not ((len(key) > 2 or key[-1] in PLUG_KEYS) and re.search(rf"\b{key[-1]}\b", "".join([page, *linked])))
+    ]
+    assert missing == []
