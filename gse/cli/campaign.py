@@ -13,6 +13,7 @@ import click
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED
 from gse.cli.progress_bar import ProgressBar
 from gse.config.choice import station_of
+from gse.count_text import count_text
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -204,7 +205,6 @@ def query_command(*, dataset_url: str, sql: str, form: str) -> None:
 def _verdict_lines(report: dict[str, Any]) -> list[str]:
     """The verdict of each sensor for a person."""
     from gse.campaign.decision import length_text
-    from gse.count_text import count_text
 
     lines = []
     for sensor in report["sensors"]:
@@ -225,8 +225,6 @@ def _verdict_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
-    from gse.count_text import count_text
-
     if atlas is None:
         return []
     lines = [
@@ -270,8 +268,6 @@ def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
 
 
 def _lines(document: dict[str, Any]) -> list[str]:
-    from gse.count_text import count_text
-
     known, sessions = document["sessions"] - document["judged"], count_text(document["sessions"], "session")
     lines = [f"{sessions} in {document['dataset']}: {document['judged']} judged now, {known} before"]
     if document["verdicts"]:

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 import click
 
 from gse.camera import Camera
+from gse.catalog import load_catalog
+from gse.catalog.credits import credit_of
+from gse.catalog.flight import write_list, write_table
 from gse.cli.folding import folded
 from gse.cli.new_files import write_new
 from gse.cli.options import json_option, station_option
@@ -18,6 +21,7 @@ from gse.config.choice import station_of
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.process.sign_of_life import working
+from gse.identifier import make_identifier
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog
@@ -71,7 +75,6 @@ def export(
     The table has each star with its neighbours in the field and their distances in whole microradians. Both forms can
     be the `catalog` of a station file: they are used as they are.
     """
-    from gse.catalog.flight import write_list, write_table
     from gse.identifier.tables import field_diameter_rad, listed_neighbours, pair_table
 
     if table_path is None and list_path is None:
@@ -86,9 +89,6 @@ def export(
 
 
 def _mission_stars(station: Station, epoch_jyear: float | None) -> tuple["StarCatalog", Camera]:
-    from gse.catalog import load_catalog
-    from gse.identifier import make_identifier
-
     source, camera = load_catalog(station.catalog), station.sensor.camera()
     if epoch_jyear is not None:
         source = source.at_epoch(epoch_jyear)
@@ -102,9 +102,6 @@ def _write(path: Path, write: Callable[[TextIO], None]) -> None:
 
 
 def _sections(station: Station) -> dict[str, Facts | None]:
-    from gse.catalog import load_catalog
-    from gse.catalog.credits import credit_of
-
     source, load_s = _timed(lambda: load_catalog(station.catalog))
     credit = credit_of(source.designation)
     return {
@@ -125,8 +122,6 @@ def _sections(station: Station) -> dict[str, Facts | None]:
 
 
 def _mission(station: Station, source: "StarCatalog") -> dict[str, Facts | None]:
-    from gse.identifier import make_identifier
-
     camera = station.sensor.camera()
     identifier, ready_s = _timed(lambda: make_identifier(station.identifier, camera, source))
     stars = identifier.catalog

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers.whole_file import write_whole
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.options import IDENTIFIER, PLUG_HELP
 from gse.errors import UsageError
@@ -119,8 +120,6 @@ def _exit_code(checked: "Sequence[Checked]") -> int:
 
 
 def _write_junit(path: Path, text: str) -> None:
-    from drivers.whole_file import write_whole
-
     try:
         write_whole(path, [text])
     except OSError as error:

@@ -16,6 +16,8 @@ from gse.cli.damage import damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
+from gse.sessions.expected_attitudes import ExpectedAttitudes
+from gse.statistics.session_statistics import statistics
 
 if TYPE_CHECKING:
     from gse.config.choice import StationText
@@ -132,7 +134,6 @@ def _with_sensor(
 ) -> int:
     """Compare the answers to a session with the sensor's own; returns the exit code."""
     from gse.cli.progress import replay_with_progress
-    from gse.sessions.expected_attitudes import ExpectedAttitudes
     from gse.sessions.replay import ReplayOptions
 
     attitudes: list[ExpectedAttitudes] = []
@@ -245,7 +246,6 @@ def _document_of_many(
 ) -> dict[str, Any]:
     """The JSON of schema gse.compare-many/1: a row for each subject of each session, and each session against A."""
     from gse.report.summary import plain, table_4_1
-    from gse.statistics.session_statistics import statistics
 
     names = [f"{session.station.sensor.name} {path.name}" for path, session in zip(paths, sessions, strict=True)]
     table = table_4_1((name, statistics(session)) for name, session in zip(names, sessions, strict=True))

@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+import yaml
 
+from drivers.clock import read_clock
 from drivers.whole_file import new_file
+from gse.catalog import load_catalog
 from gse.cli.folding import folded
 from gse.cli.options import at_option
 from gse.cli.station_questions import asked, draft_options, unasked
@@ -16,6 +19,8 @@ from gse.config.choice import station_of
 from gse.config.draft import draft_text
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError
+from gse.inspection.check import Outcome
+from protocols import load_protocol
 
 _FEW_STARS = 100
 """Enough to see that a catalogue can be read; of a file all lines are looked at."""
@@ -56,12 +61,8 @@ def check(path: Path, begins_ns: int | None) -> None:
     What cannot be is an error too, such as a boresight below the horizon; what is doubtful is said. It shows the field
     of view, when it is dark tonight, how many stars the field will hold, and how long a session must be.
     """
-    from drivers.clock import read_clock
-    from gse.catalog import load_catalog
-    from gse.inspection.check import Outcome
     from gse.inspection.plausibility import plausibility
     from gse.station.setup import check_external
-    from protocols import load_protocol
 
     station, _ = station_of(path)
     check_external(station, load_protocol(station.protocol))
@@ -91,7 +92,6 @@ def check(path: Path, begins_ns: int | None) -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def show(path: Path | None, as_json: bool) -> None:
     """Show every value of the station file PATH, defaults included. Without PATH: of the built-in station."""
-    import yaml
 
     station = read_station(path)[0] if path else parse_station(BUILT_IN_TEXT)
     values = station.model_dump(mode="json")

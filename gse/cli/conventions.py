@@ -13,6 +13,7 @@ from gse.cli.options import say, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.process.sign_of_life import working
+from gse.instant import NS_PER_S
 
 if TYPE_CHECKING:
     from gse.attitude_convention import AttitudeConvention
@@ -66,7 +67,6 @@ def command(
 
 def _session(path: Path, station_path: Path | None, start_utc: str | None, seconds: float) -> "SessionData":
     """The session up to the end of the stretch."""
-    from gse.instant import NS_PER_S
     from gse.sessions.replay import ReplayOptions, replay_session
     from gse.station.frame_results import FrameResults
 

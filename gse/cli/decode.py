@@ -7,6 +7,7 @@ import click
 
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.folding import folded
+from protocols import Frame
 
 
 @click.command("decode")
@@ -40,7 +41,6 @@ def command(
     from gse.inspection.decode import Decoding
     from gse.inspection.decode_text import explanation, line, piece_json, totals_json, totals_lines
     from gse.inspection.unknown_capture import look
-    from protocols import Frame
 
     if tries:
         looked = look(path)

@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers.clock import read_clock
+from gse import sign_of_life
 from gse.cli.durations import duration_option
 from gse.cli.folding import folded
 from gse.cli.options import station_option
 from gse.config.choice import station_of
 from gse.errors import UsageError
 from gse.process import sign_of_life
+from gse.instant import NS_PER_S, to_text
 
 if TYPE_CHECKING:
     from gse.simulator.endpoints import Endpoint
@@ -66,8 +69,6 @@ def command(
 
     The address to open is printed on stdout. The emulator ends with Ctrl-C or after --duration.
     """
-    from drivers.clock import read_clock
-    from gse.instant import NS_PER_S, to_text
     from gse.simulator.device import detector_of, firmware_of, scenario_of
     from gse.simulator.emulator import Emulator
     from gse.simulator.outlook import outlook

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gse.catalog import load_catalog
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
+from gse.cli.campaign import require_packages
 from gse.cli.evaluation_table import table
 from gse.cli.options import IDENTIFIER, PLUG_HELP, station_option
 from gse.cli.progress_bar import ProgressBar
@@ -171,7 +173,6 @@ def _write_figures(document: dict[str, Any], folder: Path, plan: "Plan", sky: "P
 
 def _benchmark(folders: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> None:
     """Every identifier on every set of panoramas: those of the folders, and seeded ones."""
-    from gse.catalog import load_catalog
     from gse.evaluation.panoramas import SCHEMA, benchmark, read_set, seeded_set, table
 
     if options["preset"]:
@@ -274,7 +275,6 @@ def _outcomes(plan: "Plan", workers: int, scheduler: str | None) -> Iterator[lis
         return outcomes(plan, workers)
     if workers != 1:
         raise UsageError("--scheduler has workers of its own; leave out --workers or --scheduler")
-    from gse.cli.campaign import require_packages
 
     require_packages()
     from gse.campaign.monte_carlo import outcomes_on

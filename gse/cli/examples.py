@@ -33,11 +33,7 @@ EXAMPLES = {
     "sensor": ("gse sensor status --station roof.yaml", "gse sensor exposure 0.2 --station roof.yaml"),
     "plan": ("gse plan", "gse plan session.mcap"),
     "selfcheck": ("gse selfcheck", "gse selfcheck --json"),
-    "ci": (
-        "gse ci replays",
-        "gse ci replays --update",
-        'gse ci replays --identifier "command:./onboard" --within 1arcsec',
-    ),
+    "ci": ("gse ci replays --update", 'gse ci replays --identifier "command:./onboard"'),
     "campaign": (
         "gse campaign judge 'nights/*' --to dataset",
         'gse campaign query dataset "select night, verdict from sessions"',

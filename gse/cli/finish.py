@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from drivers.whole_file import write_whole
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERNAL, EXIT_INTERRUPTED
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
@@ -49,6 +50,7 @@ def conclude(
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     from drivers.whole_file import write_whole
+    from gse.process.release_memory import give_back
     from gse.process.release_memory import give_back
 
     give_back()  # what judging took, before that which draws is imported

@@ -12,6 +12,10 @@ from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
 from gse.station.frame_results import FrameResult
 from gse.station.results import Status
+from gse.imaging.panorama_table import read_panorama_table
+from gse.panorama import Panorama
+from gse.station.frame_json import frame_json
+from gse.station.results import FrameResult, Status
 
 
 @click.command("identify")
@@ -37,9 +41,6 @@ def command(
 
     The exit code is 1 if the panorama is not identified.
     """
-    from gse.imaging.panorama_table import read_panorama_table
-    from gse.panorama import Panorama
-    from gse.station.frame_json import frame_json
     from gse.station.loop import StationLoop
     from gse.station.setup import set_up
 

@@ -19,8 +19,10 @@ from gse.cli.options import (
     save_rrd_option,
     view_option,
 )
+from gse.diagnosis.live_diagnosis import LiveDiagnosis
 from gse.errors import UsageError
 from gse.instant import to_text
+from gse.sessions.forecast import Forecast
 from gse.station.frame_json import frame_json
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.loop import Listener, StationLoop
@@ -96,8 +98,6 @@ class LiveOutputs:
         """The requested listeners and the ``live`` state, which the status line and the requested view show."""
         listeners: list[Listener] = [JsonFrames()] if self._options.json_frames else []
         if self._diagnose or self._options.view != "none":  # the verdict itself comes sooner than its forecast
-            from gse.sessions.forecast import Forecast
-
             self._forecast = Forecast(loop.sky.fill)
             listeners.append(self._forecast)
         listeners.append(live)
@@ -181,7 +181,6 @@ class LiveOutputs:
 
 def _live_diagnosis(listeners: Sequence[Listener]) -> Listener:
     """Findings go to the other listeners, not into the session."""
-    from gse.diagnosis.live_diagnosis import LiveDiagnosis
 
     def announce(event: LinkEvent) -> None:
         for listener in listeners:

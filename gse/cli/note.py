@@ -8,6 +8,8 @@ import click
 from drivers.clock import read_clock
 from gse.cli.status import newest_session
 from gse.errors import UsageError
+from gse.sessions.note_files import leave_note
+from gse.station.notes import note_text
 
 _TAKEN_WITHIN_S = 5.0
 _LOOK_EVERY_S = 0.1
@@ -21,9 +23,7 @@ def command(*, text: str, path: Path) -> None:
 
     FOLDER is the session's, or the --out that it was started with.
     """
-    from gse.sessions.note_files import leave_note
     from gse.sessions.status_file import is_running
-    from gse.station.notes import note_text
 
     try:
         line = note_text(text)

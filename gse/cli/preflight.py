@@ -11,6 +11,7 @@ from gse.cli.folding import folded
 from gse.cli.options import at_option, earth_orientation_option, out_option, station_option
 from gse.config.choice import station_of
 from gse.errors import ConfigError
+from gse.inspection.check import Check, Outcome
 from gse.truth.iers_tables import GivenTables
 
 
@@ -47,7 +48,6 @@ def command(
 
     The exit code is 1 if one of them would spoil the session.
     """
-    from gse.inspection.check import Check, Outcome
     from gse.inspection.preflight import checks
 
     found: list[Check] = []

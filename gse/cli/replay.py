@@ -28,7 +28,9 @@ from gse.cli.options import (
     start_utc_option,
     station_option,
 )
+from gse.cli.progress import ReplayedShare
 from gse.config.choice import change_to
+from gse.sessions.replay import ReplayOptions, replay_session
 from gse.station.exclusions import Exclusion
 
 if TYPE_CHECKING:
@@ -36,8 +38,6 @@ if TYPE_CHECKING:
 
 
 def _replay_options(**values: Any) -> "ReplayOptions":
-    from gse.sessions.replay import ReplayOptions
-
     return ReplayOptions(**values)
 
 

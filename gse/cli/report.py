@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers.whole_file import write_whole
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.damage import DAMAGED, damage_code
 from gse.cli.finish import (
@@ -30,6 +31,7 @@ from gse.cli.options import (
 from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.process.sign_of_life import working
+from gse.sessions.status_document import read_status
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict
 from gse.truth.iers_tables import GivenTables
@@ -174,7 +176,6 @@ def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
 
 def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output) -> int:
     """Write and show the report of several sessions; the exit code of the worst."""
-    from drivers.whole_file import write_whole
     from gse.report.several import sessions_html, sessions_report
     from gse.report.terminal import TABLE_4_1_HEAD, aligned, table_4_1_rows
 
@@ -214,7 +215,6 @@ def _verify(path: Path, judging: _Judging, page: Path) -> int:
 
 
 def _say_if_running(path: Path) -> None:
-    from gse.sessions.status_document import read_status
     from gse.sessions.status_file import is_running
 
     status = read_status(path if path.is_dir() else path.parent)

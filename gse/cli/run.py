@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivers.errors import DriverError
+from drivers.mock.urls import parse_mock_url
+from drivers.urlhandlers.protocol_sim import register
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.detach import Detachment, detach
 from gse.cli.durations import duration_option
@@ -28,6 +30,7 @@ from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import GseError
 from gse.sessions.ending import Ending
+from gse.sessions.status_file import is_unfinished, session_folders
 from gse.station.notes import Notes
 from gse.truth.iers_tables import GivenTables
 from protocols.errors import ProtocolError
@@ -225,7 +228,6 @@ def _waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
 
 def _list_unfinished(out: Path) -> None:
     """List sessions that ended without a report, with the command for the report."""
-    from gse.sessions.status_file import is_unfinished, session_folders
 
     found = [folder for folder in session_folders(out) if is_unfinished(folder)]
     for folder in found[-_MOST_LISTED:]:
@@ -236,8 +238,6 @@ def _list_unfinished(out: Path) -> None:
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:
     """The station with the changes of the scenario in its sim:// URL; registers the simulated sensor."""
-    from drivers.mock.urls import parse_mock_url
-    from drivers.urlhandlers.protocol_sim import register
     from gse.simulator import device_factory
     from gse.simulator.scenario import DEFAULT, load_scenario
 

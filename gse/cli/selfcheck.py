@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers.clock import read_clock
 from gse.cli import EXIT_FAIL
+from gse.instant import to_text
 
 if TYPE_CHECKING:
     from gse.selfcheck.result import Row, SelfCheckResult
@@ -20,8 +22,6 @@ def command(ctx: click.Context, *, as_json: bool) -> None:
     The sky is computed with astropy alone, without the station's own astrometry. The result is stored, and reports name
     it. The exit code is 1 if a quantity differs.
     """
-    from drivers.clock import read_clock
-    from gse.instant import to_text
     from gse.selfcheck.check import selfcheck
 
     shown: list[str] = []

@@ -10,7 +10,9 @@ from typing import Any, BinaryIO
 import click
 
 from drivers.outside_text import plain_lines
+from drivers.session_file.records import RX
 from drivers.whole_file import new_file
+from gse import instant
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.damage import damage_code
 from gse.errors import UsageError
@@ -135,7 +137,6 @@ def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
         return
     if form in ("parquet", "mcap"):
         ctx.exit(_export_results(path, form, out))
-    from drivers.session_file.records import RX
     from gse.recording.session_format import LOG_TOPIC
     from gse.sessions.export import export_bytes, export_csv, export_ndjson
 
@@ -201,8 +202,6 @@ def _beside(path: Path, what: str) -> Path:
 
 
 def _utc(text: str | None) -> int | None:
-    from gse import instant
-
     try:
         return None if text is None else instant.from_text(text)
     except ValueError as error:

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import click
 
+from drivers.mock.urls import sim_url
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.folding import folded
 from gse.cli.options import out_option, station_option
 from gse.config.choice import station_of
+from gse.config.station import parse_station
 
 
 @click.command("simulate")
@@ -55,8 +57,6 @@ def command(
     station file of the scenario. Replay it with gse replay.
     """
     from drivers.faults.options import parse_faults
-    from drivers.mock.urls import sim_url
-    from gse.config.station import parse_station
     from gse.sessions.live import new_session_folder
     from gse.simulator.device import scenario_of
     from gse.simulator.outlook import outlook

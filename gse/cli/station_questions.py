@@ -9,6 +9,7 @@ import click
 
 from drivers.ports import ports_here
 from gse.config.draft import Draft
+from protocols import built_in_names
 
 _BUILT_IN = Draft()
 
@@ -19,8 +20,6 @@ class _ProtocolName(click.types.StringParamType):
     name = "protocol"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from protocols import built_in_names
-
         text = str(value)
         if Path(text).suffix not in (".yaml", ".yml") and text not in built_in_names():
             self.fail(f"{text!r:.60} is none of {', '.join(built_in_names())}, and no .yaml file", param, ctx)

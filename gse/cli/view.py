@@ -11,6 +11,8 @@ import click
 from gse.cli.damage import damage_code
 from gse.cli.options import bind_option, clock_error_option, http_port_option
 from gse.process import sign_of_life
+from gse.view.glance_word import level_of
+from gse.view.viewer import open_native_viewer
 
 
 @click.command("view")
@@ -58,8 +60,6 @@ def command(
             server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording, verdict=verdict)))
             _serve_until_interrupt(server.url)
         elif save is None and screenshot is None:
-            from gse.view.viewer import open_native_viewer
-
             open_native_viewer(str(recording))
             click.echo(f"opened in rerun: {recording}", err=True)
     ctx.exit(code)
@@ -73,7 +73,6 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     from gse.report.metric_table import metrics_in_markdown
     from gse.report.terminal import headline
     from gse.station.setup import catalog_of
-    from gse.view.glance_word import level_of
     from gse.view.saved_view import save_view
 
     judged = judged_with_progress(path)

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from gse.cli.options import clock_error_option
+from gse.errors import UsageError
 
 
 @click.command("why")
@@ -28,7 +29,6 @@ def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None
     """
     from gse.assessment.verdict import judge
     from gse.cli.progress import judged_with_progress
-    from gse.errors import UsageError
     from gse.report.bundle import write_bundle
     from gse.report.summary import summarise
     from gse.report.why import why_page
