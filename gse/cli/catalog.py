@@ -20,8 +20,8 @@ from gse.cli.options import json_option, station_option
 from gse.config.choice import station_of
 from gse.config.station import Station
 from gse.errors import UsageError
-from gse.process.sign_of_life import working
 from gse.identifier import make_identifier
+from gse.process.sign_of_life import working
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog

@@ -12,8 +12,8 @@ from gse.cli.damage import damage_code
 from gse.cli.options import say, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
-from gse.process.sign_of_life import working
 from gse.instant import NS_PER_S
+from gse.process.sign_of_life import working
 
 if TYPE_CHECKING:
     from gse.attitude_convention import AttitudeConvention

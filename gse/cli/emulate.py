@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.clock import read_clock
-from gse import sign_of_life
 from gse.cli.durations import duration_option
 from gse.cli.folding import folded
 from gse.cli.options import station_option
 from gse.config.choice import station_of
 from gse.errors import UsageError
-from gse.process import sign_of_life
 from gse.instant import NS_PER_S, to_text
+from gse.process import sign_of_life
 
 if TYPE_CHECKING:
     from gse.simulator.endpoints import Endpoint

@@ -49,8 +49,6 @@ def conclude(
     plots: bool,
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
-    from drivers.whole_file import write_whole
-    from gse.process.release_memory import give_back
     from gse.process.release_memory import give_back
 
     give_back()  # what judging took, before that which draws is imported

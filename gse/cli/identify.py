@@ -10,12 +10,11 @@ from gse import instant
 from gse.cli.options import identifier_option, say, station_option
 from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
-from gse.station.frame_results import FrameResult
-from gse.station.results import Status
 from gse.imaging.panorama_table import read_panorama_table
 from gse.panorama import Panorama
 from gse.station.frame_json import frame_json
-from gse.station.results import FrameResult, Status
+from gse.station.frame_results import FrameResult
+from gse.station.results import Status
 
 
 @click.command("identify")

@@ -83,8 +83,6 @@ def command(
     The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
     report is written to a new folder in --out.
     """
-    from gse.cli.progress import ReplayedShare
-    from gse.sessions.replay import replay_session
     from gse.view.live_state import LiveState
 
     progress = ReplayedShare(path).text

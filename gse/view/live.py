@@ -20,7 +20,6 @@ from gse.view.live_state import LiveState, SessionSoFar
 from gse.view.pages import Content
 from gse.view.server import USUAL_PORT, ViewServer
 from gse.view.viewer import check_rerun, open_native_viewer
-from gse.view.viewer import open_native_viewer
 
 if TYPE_CHECKING:
     from gse.view.rerun_feed import RerunFeed
