@@ -4,19 +4,20 @@ import errno
 import getpass
 import os
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import serial
 from serial.tools import list_ports
 
 from drivers.errors import DriverError, PortError, UrlError
-from drivers.telnet import read_loop
+from drivers.urlhandlers.network_ports import Rfc2217Port, SocketPort
 
 MOCKS = ("replay://", "sim://")
-_ON_THE_NET = ("socket://", "rfc2217://")
+_ON_THE_NET = {"socket://": SocketPort, "rfc2217://": Rfc2217Port}
 READ_TIMEOUT_S = 0.2
 """How long a read waits for the first byte: also how long closing takes where a read cannot be cancelled."""
 WRITE_TIMEOUT_S = 1.0
@@ -99,7 +100,7 @@ def open_port(url: str, baudrate: int) -> serial.Serial:
     """Open a port by its pyserial URL; PortError with reason and advice if that fails."""
     _check(url)
     try:
-        port = _made(url, baudrate)
+        port: serial.Serial = _made(url, baudrate)
         port.open()
     except (OSError, ValueError, NotImplementedError) as error:
         if isinstance(error.__cause__, DriverError):
@@ -113,32 +114,21 @@ def open_port(url: str, baudrate: int) -> serial.Serial:
     return port
 
 
-def _made(url: str, baudrate: int) -> serial.Serial:
+def _made(url: str, baudrate: int) -> Any:
     """The port of a URL, not open yet."""
-    port = serial.serial_for_url(_asked(url), baudrate=baudrate, timeout=READ_TIMEOUT_S, do_not_open=True)
+    for scheme, network_port in _ON_THE_NET.items():
+        if url.lower().startswith(scheme):
+            connection: Any = network_port(None, baudrate=baudrate, timeout=READ_TIMEOUT_S)
+            connection.port = _asked(url)
+            return connection
+    port = serial.serial_for_url(url, baudrate=baudrate, timeout=READ_TIMEOUT_S, do_not_open=True)
     # pyserial empties the input on opening: bytes that have already been received are part of the record.
     for name in ("reset_input_buffer", "_reset_input_buffer"):
         setattr(port, name, lambda: None)
-    if hasattr(port, "_telnet_read_loop"):
-        port._telnet_read_loop = read_loop(port)
-    if url.lower().startswith(_ON_THE_NET):
-        port.close = _closing(port, port.close)  # type: ignore[method-assign]
     if isinstance(port, serial.Serial):
         port.exclusive = True
         port.write_timeout = WRITE_TIMEOUT_S
     return port
-
-
-def _closing(port: serial.Serial, close: Callable[[], None]) -> Callable[[], None]:
-    """Closes a network port and its connection, which pyserial leaves behind where that was reset by the other end."""
-
-    def run() -> None:
-        connection = getattr(port, "_socket", None)
-        close()
-        if connection is not None:
-            connection.close()
-
-    return run
 
 
 def _keep_alive(connection: object) -> None:
@@ -164,7 +154,7 @@ def _check(url: str) -> None:
     """Refuse URLs for which pyserial has no clear error."""
     if not url:
         raise UrlError("the port has no name; expected for example /dev/ttyUSB0, hwgrep://FT232 or sim://")
-    if url.lower().startswith(_ON_THE_NET):
+    if url.lower().startswith(tuple(_ON_THE_NET)):
         try:
             port = urlsplit(url).port
         except ValueError:

@@ -1,23 +1,11 @@
-"""Bytes of a telnet connection (RFC 854) taken apart, for an rfc2217:// port.
+"""Bytes of a telnet connection (RFC 854) taken apart, for an rfc2217:// port."""
 
-It replaces pyserial's own read loop, which has four faults: it keeps a suboption without an end, and unread bytes,
-without a bound; it stops at an end without a beginning; it loses the bytes before a hang-up. A server that does not
-double the byte 255 of its line sends any of these: with pyserial, the station then receives nothing more.
-"""
-
-import contextlib
-import queue
-import time
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 IAC, DONT, DO, WONT, WILL, SB, SE = (bytes([number]) for number in (255, 254, 253, 252, 251, 250, 240))
 LONGEST_SUBOPTION = 1024
 """RFC 2217 has 5 bytes, and a signature in words."""
-MOST_PIECES = 4096
-"""Received and not yet fetched, 4 MiB; then the server has to wait."""
-_PIECE_BYTES = 1024
-_LOOK_S = 0.2
 
 
 class Data(NamedTuple):
@@ -91,48 +79,3 @@ class TelnetParser:
             yield Option(command, option)
         else:
             yield Command(command)
-
-
-def read_loop(port: Any) -> Callable[[], None]:
-    """The reading thread of an rfc2217:// port of pyserial; it ends with the connection, as a lost port."""
-
-    def run() -> None:
-        parser = TelnetParser()
-        port._read_buffer.maxsize = MOST_PIECES
-        with contextlib.suppress(OSError, ValueError):
-            while data := _received(port):
-                for part in parser.feed(data):
-                    _take(port, part)
-        _put(port, None)
-        # pyserial refuses to hand out what still waits once this thread has ended.
-        while port.is_open and port._read_buffer.qsize():
-            time.sleep(_LOOK_S / 10)
-
-    return run
-
-
-def _received(port: Any) -> bytes:
-    """The next bytes; none at the end of the connection."""
-    while port.is_open:
-        with contextlib.suppress(TimeoutError):
-            return bytes(port._socket.recv(_PIECE_BYTES))
-    return b""
-
-
-def _take(port: Any, part: Data | Option | Suboption | Command) -> None:
-    if isinstance(part, Data):
-        _put(port, part.data)
-    elif isinstance(part, Option):
-        port._telnet_negotiate_option(part.command, part.option)
-    elif isinstance(part, Suboption):
-        port._telnet_process_subnegotiation(part.data)
-    else:
-        port._telnet_process_command(part.command)
-
-
-def _put(port: Any, data: bytes | None) -> None:
-    """Hand bytes over; a full queue is waited for while the port is open."""
-    while port.is_open:
-        with contextlib.suppress(queue.Full):
-            port._read_buffer.put(data, timeout=_LOOK_S)
-            return
