@@ -1,27 +1,23 @@
 """Compilation of all that judges a session, by a process of its own, before the first campaign on a computer.
 
-A worker that compiles holds half as much memory again, and each worker would compile the same. The process leaves the
-code in numba's cache on disk, where all workers of this computer find it. If it comes to nothing, they compile.
+A worker that compiles holds half as much memory again, and each worker would compile the same. All workers
+of this computer find the code that it leaves on disk (gse.process.first_compilation).
 """
 
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier.first_compilation import is_compiled
-from gse.process.end_with_parent import end_with_parent
+from gse.process.first_compilation import FirstCompilation, end_with_parent
 from gse.process.jit import machine_code_folder
 from gse.sessions.replay import replay_session
 from gse.simulator.recording import record_simulation
 from gse.truth import EarthOrientation
 
 _FRAMES, _START_UTC_NS = 20, 1_774_018_800_000_000_000
-_LONGEST_S = 600.0
 
 
 def compile_first(tell: Callable[[str], None]) -> None:
@@ -29,14 +25,8 @@ def compile_first(tell: Callable[[str], None]) -> None:
     if is_compiled() or machine_code_folder() is None:
         return
     tell("compiling the identifiers, once on this computer")
-    # -P: a folder named gse where the user stands is not this package.
-    command = [sys.executable, "-P", "-m", "gse.campaign.first_compilation"]
-    nowhere = subprocess.DEVNULL
-    with (
-        suppress(OSError, subprocess.TimeoutExpired),
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere) as process,
-    ):
-        process.wait(_LONGEST_S)
+    with FirstCompilation("gse.campaign.first_compilation") as process:
+        process.finish()
 
 
 def judge_made_session() -> None:

@@ -1,16 +1,12 @@
 """Compilation of the robust identifier by a process of its own, for the first run on a computer.
 
 With that of the attitudes, its code takes as long to compile as all other code of a session: two processes halve the
-wait. The other process leaves code in numba's cache on disk, where this one finds it. If it comes to nothing, this
-process compiles at the first call, as always.
+wait (gse.process.first_compilation).
 """
 
 import gc
 import os
-import subprocess
-import sys
 import tempfile
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +16,8 @@ from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
-from gse.process.end_with_parent import end_with_parent
+from gse.process.first_compilation import FirstCompilation, end_with_parent
 from gse.process.jit import is_on_disk, machine_code_folder
-
-_LONGEST_S = 300.0
-"""A slow computer takes a minute; a process that hangs must not hold a session for ever."""
 
 
 def is_compiled() -> bool:
@@ -32,35 +25,10 @@ def is_compiled() -> bool:
     return is_on_disk(search_many)
 
 
-class FirstCompilation:
-    """The other process, if there has to be one; it ends with the ``with`` block or this process at the latest."""
-
-    def __init__(self) -> None:
-        self.process = _started() if machine_code_folder() is not None and not is_compiled() else None
-
-    def __enter__(self) -> "FirstCompilation":
-        return self
-
-    def finish(self) -> None:
-        """Wait until the code is on disk."""
-        if self.process is not None:
-            with suppress(subprocess.TimeoutExpired):
-                self.process.wait(_LONGEST_S)
-
-    def __exit__(self, *_: object) -> None:
-        if self.process is not None:
-            with self.process:
-                self.process.kill()
-
-
-def _started() -> "subprocess.Popen[bytes] | None":
-    # -P: a folder named gse where the user stands is not this package.
-    command = [sys.executable, "-P", "-m", "gse.identifier.first_compilation"]
-    nowhere = subprocess.DEVNULL
-    try:
-        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
-    except OSError:
-        return None
+def first_compilation() -> FirstCompilation:
+    """The other process, if there has to be one: without a folder to keep code in, it would compile for nothing."""
+    needed = machine_code_folder() is not None and not is_compiled()
+    return FirstCompilation("gse.identifier.first_compilation" if needed else None)
 
 
 def compile_attitudes() -> None:

@@ -18,7 +18,7 @@ from gse.external.identifier import AnswerSource, ExternalIdentifier, RunningIde
 from gse.external.panoramas import SensorDescription, WireUnit
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
-from gse.identifier.first_compilation import FirstCompilation, is_compiled
+from gse.identifier.first_compilation import first_compilation, is_compiled
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import NS_PER_S, to_julian_year
 from gse.matrices import product
@@ -101,7 +101,7 @@ def set_up(
     began_ns = read_clock().mono_ns
     keeps_code = machine_code_folder() is not None
     tell(f"{'first run on this computer: ' if keeps_code else ''}compiling for its processor, 10 to 60 s")
-    with FirstCompilation() as robust_code:
+    with first_compilation() as robust_code:
         if protocol_text is None:
             protocol = load_protocol(station.protocol)
         else:

@@ -15,7 +15,7 @@ from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier.acceptance import wahba_residual_rad
-from gse.identifier.first_compilation import FirstCompilation, compile_attitudes, compile_robust, is_compiled
+from gse.identifier.first_compilation import compile_attitudes, compile_robust, first_compilation, is_compiled
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.panorama import Panorama
@@ -46,12 +46,12 @@ def test_the_other_process_compiles_the_attitudes_for_the_types_of_a_session() -
 def test_no_process_is_started_once_the_code_is_on_disk() -> None:
     compile_robust()
     assert is_compiled()
-    with FirstCompilation() as nothing:
+    with first_compilation() as nothing:
         assert nothing.process is None
 
 
 def test_the_other_process_ends_with_a_session_that_is_killed(tmp_path: Path) -> None:
-    starts = "import gse.identifier.first_compilation as c; f = c.FirstCompilation(); print(f.process.pid); f.finish()"
+    starts = "import gse.identifier.first_compilation as c; f = c.first_compilation(); print(f.process.pid); f.finish()"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     session = subprocess.Popen([sys.executable, "-c", starts], stdout=subprocess.PIPE, env=environment)
     assert session.stdout is not None
