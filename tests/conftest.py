@@ -19,7 +19,6 @@ from devices.command_line import Gse, runner
 from hypothesis import settings
 
 from gse.process.cache_folder import cache_folder
-from gse.process.release_memory import keep_for_many_sessions
 
 TESTS = Path(__file__).parent
 
@@ -32,8 +31,6 @@ for kept in cache_folder().iterdir():
         (_CACHE / kept.name).symlink_to(kept)
 os.environ["XDG_CACHE_HOME"] = str(_CACHE.parent)
 atexit.register(shutil.rmtree, _CACHE.parent, ignore_errors=True)
-
-keep_for_many_sessions()  # which the tests of memory, in processes of their own, do not
 
 gc.disable()  # until all tests are collected: what they import lasts
 

@@ -177,7 +177,6 @@ def _scratch() -> str | None:
 def _judged(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) -> _Result:
     try:
         result, camera = _results(path, key, job, source, folder)
-        give_back()  # the session is gone: its atlas comes from its tables
         return replace(result, files=_with_atlas(result.files, camera, key, folder))
     except StorageError:
         raise
@@ -202,7 +201,6 @@ def _results(path: Path, key: ResultKey, job: Job, source: Source, folder: Path)
         threads=1,
     )
     session = replay.session
-    give_back()  # what receiving and identifying took
     assessment = judge(session)
     row = sessions_table(session, assessment, key, source=source.url)
     report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"

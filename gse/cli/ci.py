@@ -74,13 +74,11 @@ def command(
     With --identifier the answers are compared, frame by frame, and no report. The exit code is 1 if one differs, is
     missing, or is there more than expected; 5 if no frame was answered, now or then. Time-outs are counted apart.
     """
-    from gse.process.release_memory import keep_for_many_sessions
     from gse.sessions.golden import check, check_answers, junit_of, recordings_in
     from gse.sessions.replay import ReplayOptions
 
     if within_arcsec is not None and (identifier is None or update):
         raise UsageError("--within compares answers: give --identifier with it, and not --update")
-    keep_for_many_sessions()
     options, checked = ReplayOptions(speed=speed), []
     for recording in recordings_in(folder):
         name = recording.relative_to(folder).as_posix().removesuffix(".mcap")

@@ -12,6 +12,7 @@ from drivers.whole_file import write_whole
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERNAL, EXIT_INTERRUPTED
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
+from gse.station.frame_table import MOST_IN_MEMORY
 from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
@@ -29,15 +30,20 @@ def judge_as_stated(
 ) -> "Assessment":
     """Judge a session with the clock error and the excluded times that the operator states."""
     from gse.assessment.verdict import judge
-    from gse.process.release_memory import give_back
-    from gse.station.setup import clear_caches
 
-    clear_caches()
-    give_back()  # what receiving and identifying took
+    _give_back(session)
     if clock_error_s is not None:
         session.clock_error_s = clock_error_s
     session.excluded = excluded
     return judge(session)
+
+
+def _give_back(session: SessionData) -> None:
+    """Give back what the step before took; for a short session that takes more time than it is worth."""
+    from gse.process.release_memory import give_back
+
+    if len(session.frames) > MOST_IN_MEMORY:
+        give_back()
 
 
 def conclude(
@@ -49,9 +55,7 @@ def conclude(
     plots: bool,
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
-    from gse.process.release_memory import give_back
-
-    give_back()  # what judging took, before that which draws is imported
+    _give_back(session)  # before what draws is imported
     from gse.process.without_pandas import spare_pandas
     from gse.report import summarise
     from gse.report.files import write_report
@@ -67,7 +71,6 @@ def conclude(
         has_session = (folder / "session.mcap").exists()  # not where --out of a replay or report is
         following = f"make room, then: gse report {folder}" if has_session else "make room and repeat this command"
         click.echo(f"gse: {error}; {following}", err=True)
-    give_back()  # before the program's end, for which libraries come back
     return report
 
 

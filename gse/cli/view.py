@@ -69,14 +69,12 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     """Write it; returns the verdict and its level, for the bar of the page, and the exit code."""
     from gse.cli.finish import judge_as_stated
     from gse.cli.progress import judged_with_progress
-    from gse.process.release_memory import give_back
     from gse.report.metric_table import metrics_in_markdown
     from gse.report.terminal import headline
     from gse.station.setup import catalog_of
     from gse.view.saved_view import save_view
 
     judged = judged_with_progress(path)
-    give_back()  # what judging took
     session, assessment = judged.session, judged.assessment
     if clock_error_s is not None:
         assessment = judge_as_stated(session, clock_error_s, ())

@@ -18,7 +18,6 @@ from gse import instant
 from gse.assessment.verdict import Assessment
 from gse.axis import AXES, CROSS_X, CROSS_Y
 from gse.process.jit import compiled_folder
-from gse.process.release_memory import all_else_kept
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
 from gse.report.provenance import Provenance
@@ -86,8 +85,8 @@ def report_html(
 
 
 def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
-    with all_else_kept():
-        from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
+    from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
+
     return session_plots(session, assessment.statistics, times_recorded=times_recorded)
 
 

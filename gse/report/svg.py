@@ -1,5 +1,6 @@
 """The plots of a report, as SVG text."""
 
+import gc
 import io
 import re
 from collections.abc import Callable, Iterable
@@ -9,7 +10,6 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gse.drawing.palette import GREY, hex_of
-from gse.process.release_memory import all_else_kept, give_back_garbage
 
 WIDTH_IN = 7.2
 """The printed width of A4 less its margins."""
@@ -51,10 +51,10 @@ Draw = Callable[[Figure], None]
 def svgs_of(plots: Iterable[tuple[str, float, Draw]]) -> dict[str, str]:
     """SVG elements by name, of each plot's name, height in inches and what draws it."""
     elements = {}
-    with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}), all_else_kept():
+    with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}):
         for name, height_in, draw in plots:
             elements[name] = _svg_of(name, height_in, draw)
-            give_back_garbage()
+            gc.collect(1)  # the figure, whose parts know each other, and its arrays
     return elements
 
 

@@ -13,16 +13,13 @@ from gse.assessment.verdict import Assessment, judge
 from gse.catalog.readers import GAIA
 from gse.config.choice import StationText
 from gse.errors import UsageError
-from gse.process.release_memory import give_back
 from gse.recording.session_format import read_attachments
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, station_in_force
 from gse.sessions.sealed_station import names_program
 from gse.sessions.status_document import read_status
 from gse.sessions.status_file import is_running
-from gse.station.frame_table import MOST_IN_MEMORY
 from gse.station.session_data import SessionData
-from gse.station.setup import clear_caches
 from gse.tables.key import ResultKey, session_sha256, software_sha256
 from protocols import built_in_names
 
@@ -73,7 +70,6 @@ def session_alone(
 
 def _derived(place: _Place | None, derive: Callable[[], Replay], tell: Callable[[str], None]) -> Judged:
     replay = derive()
-    clear_caches()
     assessment = judge(replay.session)
     if place:
         _keep(replay.session, assessment, place, tell)
@@ -88,8 +84,6 @@ def _kept(place: _Place, tell: Callable[[str], None]) -> SessionData | None:
         return None
     if session is not None:
         tell(f"results kept in {place.folder} are used")
-        if len(session.frames) > MOST_IN_MEMORY:  # of a shorter one it would take more time than it is worth
-            give_back()
     elif place.folder.is_dir():
         tell("derived anew: the session, its station file or gse changed since results were kept")
     return session

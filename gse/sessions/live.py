@@ -17,7 +17,6 @@ from gse import instant
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.external.recorded import recorded_json
-from gse.process.release_memory import give_back
 from gse.recording.recorder import CLOSE_S, Recorder
 from gse.recording.session_format import (
     ANSWER_TOPIC,
@@ -158,7 +157,6 @@ def run_live(
         status.enter("closing")
         operator.tell(_closing_words(recorder))
         session.frames.use_disk()  # nothing is received any more, and judging takes memory
-        give_back()  # the session file is compressed next
     for event in recorder.news():
         loop.on_event(event)
         operator.tell(f"{event.kind}: {event.text}")

@@ -25,7 +25,7 @@ from gse.matrices import product
 from gse.panorama import MAX_OBJECTS
 from gse.process.installation import package_version
 from gse.process.jit import machine_code_folder
-from gse.process.release_memory import give_back, gives_back
+from gse.process.release_memory import give_back
 from gse.version import __version__
 from protocols import Protocol, load_protocol, parse_protocol
 
@@ -115,8 +115,14 @@ def set_up(
             _warm_up(setup.reference, setup.camera)
     from_now_on = "; the next run starts without this" if keeps_code else ""
     tell(f"compiled in {(read_clock().mono_ns - began_ns) / NS_PER_S:.0f} s{from_now_on}")
-    give_back()
+    _give_back_what_compiling_took()
     return setup
+
+
+@functools.cache
+def _give_back_what_compiling_took() -> None:
+    """Once in a process: its next session needs the same again."""
+    give_back()
 
 
 def _loaded(
@@ -163,15 +169,9 @@ def sensor_description(station: Station, protocol: Protocol) -> SensorDescriptio
 
 
 def clear_caches() -> None:
-    """Drop cached catalogues and tables, so that their memory is free for the report.
-
-    A process that keeps its memory for many sessions keeps the last few of them too.
-    """
-    if not gives_back():
-        return
+    """Drop cached catalogues and tables."""
     _reference.cache_clear()
     _catalog.cache_clear()
-    give_back()
 
 
 def keep_one_sky() -> None:

@@ -5,10 +5,6 @@ import sys
 
 import pytest
 
-from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.process.release_memory import keep_for_many_sessions
-from gse.station.setup import clear_caches, set_up
-
 _HOLES = """
 import resource
 from pathlib import Path
@@ -56,10 +52,3 @@ def test_a_library_that_is_loaded_after_the_first_time_is_given_back_too():
     before_kib, after_kib = map(int, done.stdout.split())
     assert before_kib > 100
     assert after_kib < before_kib / 4
-
-
-def test_a_process_of_many_sessions_keeps_the_tables_for_the_next():
-    keep_for_many_sessions()
-    first = set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT)
-    clear_caches()
-    assert set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT).reference is first.reference

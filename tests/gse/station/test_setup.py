@@ -19,7 +19,6 @@ from gse.external.panoramas import WireUnit
 from gse.identifier.robust import stars_looked_at
 from gse.instant import from_text
 from gse.panorama import Panorama
-from gse.process import release_memory
 from gse.station.setup import (
     ORION_RA_DE_DEG,
     PACKAGES,
@@ -280,9 +279,7 @@ def test_the_example_panorama_of_a_wide_field_has_thirty_stars_within_sixty_degr
     assert 100 * math.tan(math.radians(50)) < np.hypot(*(places - 499.5).T).max() < 100 * math.tan(math.radians(60))
 
 
-def test_the_sky_of_one_date_is_kept_and_those_of_two_are_dropped(tmp_path, monkeypatch):
-    """In a process that gives back its memory, as that of the tests does not."""
-    monkeypatch.setattr(release_memory._POLICY, "gives_back", True)
+def test_the_sky_of_one_date_is_kept_and_those_of_two_are_dropped(tmp_path):
     path = tmp_path / "hip_main.dat"
     path.write_text(hipparcos(50))
     clear_caches()
@@ -292,9 +289,5 @@ def test_the_sky_of_one_date_is_kept_and_those_of_two_are_dropped(tmp_path, monk
     assert (len(first), first.epoch_jyear) == (20, 1991.25)
     later = _catalog(str(path), 2026.2, 20)
     assert later.epoch_jyear == 2026.2
-    monkeypatch.setattr(release_memory._POLICY, "gives_back", False)
-    keep_one_sky()
-    assert _catalog(str(path), 2026.2, 20) is later
-    monkeypatch.setattr(release_memory._POLICY, "gives_back", True)
     keep_one_sky()
     assert _catalog(str(path), None, 20) is not first
