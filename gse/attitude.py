@@ -61,7 +61,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attitudes:
-    """Attitudes of K panoramas as columns, NaN where there is none; ``attitudes[k]`` is one of them or None.
+    """Attitudes of K panoramas as columns, NaN where there is none; ``attitudes[k]`` is a view of one, or None.
 
     ``icrs_to_sensor`` and ``covariance_rad2`` are (K, 3, 3).
     """

@@ -40,7 +40,7 @@ class Panorama:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panoramas:
-    """K panoramas as columns, in their order; ``panoramas[k]`` is one of them.
+    """K panoramas as columns, in their order; ``panoramas[k]`` is a view of one.
 
     Objects are the rows of ``xy_px`` (M, 2), ``brightness`` (M,) and ``wire_rows`` (M,), in ``parts``. All else has one
     value for each panorama.

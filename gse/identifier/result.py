@@ -88,7 +88,7 @@ class ObjectColumns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answers:
-    """Answers to K panoramas as columns; ``answers[k]`` is the Identification or Unidentified of one.
+    """Answers to K panoramas as columns; ``answers[k]`` is a view of one: Identification or Unidentified.
 
     ``objects`` (M,) are rows within a panorama and ``stars`` (M,) rows of the catalogue, in parts;
     ``false_match_probability`` is (K,). ``unidentified`` holds the panoramas without an answer, whose parts are empty.

@@ -23,7 +23,7 @@ from gse.mount import Mount
 from gse.panorama import Panorama, Panoramas
 from gse.station.attitude_error import attitude_errors
 from gse.station.identified import Compared, Identified
-from gse.station.results import ERRORS, MatchColumns, Status
+from gse.station.results import ERRORS, Matches, Status
 from gse.truth import SiderealTruth
 
 _ARMS = np.array([[0.05, 0.0, 1.0], [-0.05, 0.0, 1.0], [0.0, 0.05, 1.0], [0.0, -0.05, 1.0]])
@@ -82,7 +82,7 @@ def compared(
         named = answers.named
         errors_arcsec[named] = attitude_errors(geometric.icrs_to_sensor[named], true.icrs_to_sensor[named])
         errors_arcsec[~rolled, ERRORS.index("d_roll_arcsec")] = np.nan
-    left_out = MatchColumns.none(count)
+    left_out = Matches.none(count)
     return Compared(attitudes, geometric, true, errors_arcsec, residuals_arcsec, left_out, rolled)
 
 

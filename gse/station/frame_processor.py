@@ -22,7 +22,7 @@ from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_results import FrameResults
 from gse.station.identified import Compared, Identified
 from gse.station.non_stellar import NonStellarObjects, Others
-from gse.station.results import ERRORS, AnswerCheck, MatchColumns, Starlights, Status
+from gse.station.results import ERRORS, AnswerCheck, Matches, Starlight, Status
 from gse.station.starlight import rows_of, starlights
 from gse.station.unnamed_stars import LeftOutStars, SolvedFrames
 from gse.truth import SiderealTruth
@@ -208,7 +208,7 @@ class FrameProcessor:
                 errors_arcsec[named] = attitude_errors(geometric.icrs_to_sensor[named], true.icrs_to_sensor[named])
         across = seen_from.icrs_to_sensor[:, :2].take(answers.parts.of_row, axis=0)
         residuals_arcsec = (measured[:, :2] - np.einsum("mij,mj->mi", across, stars_icrs)) * ARCSEC_PER_RAD
-        left_out = MatchColumns.none(len(panoramas))
+        left_out = Matches.none(len(panoramas))
         if self.left_out is not None and named.any():
             objects = ObjectColumns(identified.directions_sensor, panoramas.brightness, panoramas.parts)
             rotations = identified.attitudes.icrs_to_sensor[named], seen_from.icrs_to_sensor[named]
@@ -217,7 +217,7 @@ class FrameProcessor:
         has_roll = np.ones(len(panoramas), dtype=np.bool_)
         return Compared(identified.attitudes, geometric, true, errors_arcsec, residuals_arcsec, left_out, has_roll)
 
-    def _light(self, objects: ObjectColumns, answers: Answers, true_stars: Answers | None) -> Starlights:
+    def _light(self, objects: ObjectColumns, answers: Answers, true_stars: Answers | None) -> Starlight:
         """What the stars show of the sky: those of the answer, or of the reference identifier where there is none.
 
         An external identifier may name some stars of a full panorama: the sky is that of the reference identifier.

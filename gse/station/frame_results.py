@@ -16,7 +16,7 @@ from gse.panorama import Panorama, Panoramas
 from gse.station.columns import ANSWER_CHECKS, STATUSES, empty_rows
 from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN, Others
-from gse.station.results import ERRORS, AnswerCheck, AttitudeError, Match, MatchColumns, Starlights, Status
+from gse.station.results import ERRORS, AnswerCheck, AttitudeError, Match, Matches, Starlight, Status
 from gse.station.starlight import rows_of
 
 T = TypeVar("T")
@@ -142,8 +142,8 @@ class FrameResults(Sequence[FrameResult]):
     has_roll: NDArray[np.bool_]
     answer_check: NDArray[np.uint8]
     others: Others
-    light: Starlights
-    left_out: MatchColumns
+    light: Starlight
+    left_out: Matches
     given: Mapping[int, Given] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -182,10 +182,10 @@ class FrameResults(Sequence[FrameResult]):
         )
 
     @property
-    def matches(self) -> MatchColumns:
+    def matches(self) -> Matches:
         """The matches of the answers."""
         answers = self.answers
-        return MatchColumns(answers.parts, answers.objects, answers.stars, self.residuals_arcsec, self.star_name)
+        return Matches(answers.parts, answers.objects, answers.stars, self.residuals_arcsec, self.star_name)
 
     @cached_property
     def rows(self) -> NDArray[np.void]:
@@ -236,7 +236,7 @@ class FrameResults(Sequence[FrameResult]):
             rows["x_px"], rows["y_px"] = panoramas.xy_px[left].T
         return rows
 
-    def _match_rows(self, matches: MatchColumns, named: bool) -> NDArray[np.void]:
+    def _match_rows(self, matches: Matches, named: bool) -> NDArray[np.void]:
         rows = np.empty(len(matches.objects), dtype=MATCH)
         seen = rows_of(self.panoramas.parts, matches)
         rows["frame"], rows["star"], rows["named"] = matches.parts.of_row, matches.stars, named

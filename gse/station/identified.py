@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.attitude import Attitudes
 from gse.external.identifier import Given
 from gse.identifier import Answers
-from gse.station.results import MatchColumns, Starlights
+from gse.station.results import Matches, Starlight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,7 @@ class Identified:
     attitudes: Attitudes
     answer_check: NDArray[np.uint8]
     separation_rad: NDArray[np.float64]
-    light: Starlights
+    light: Starlight
     elapsed_us: NDArray[np.float64]
     given: Mapping[int, Given] = field(default_factory=dict)
 
@@ -49,5 +49,5 @@ class Compared:
     true: Attitudes
     errors_arcsec: NDArray[np.float64]
     residuals_arcsec: NDArray[np.float64]
-    left_out: MatchColumns
+    left_out: Matches
     has_roll: NDArray[np.bool_]

@@ -18,7 +18,7 @@ from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_results import FrameResults
 from gse.station.non_stellar import Others
 from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
-from gse.station.results import ERRORS, AnswerCheck, MatchColumns, OwnAnswer, Starlights, Status, Subject
+from gse.station.results import ERRORS, AnswerCheck, Matches, OwnAnswer, Starlight, Status, Subject
 from gse.truth import SiderealTruth, mount_of
 from protocols import AttitudeMessage
 
@@ -87,8 +87,8 @@ class OwnAnswerProcessor:
             np.array([True]),
             np.array([ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)], dtype=np.uint8),
             Others.none(1),
-            Starlights.none(1),
-            MatchColumns.none(1),
+            Starlight.none(1),
+            Matches.none(1),
         )
 
     def _of(self, truth: SiderealTruth, mount: Mount) -> OwnAnswerTruth:

@@ -91,7 +91,7 @@ class Match:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MatchColumns:
+class Matches:
     """Objects of K panoramas that are stars, as columns of M rows, in parts; ``matches[k]`` are those of one.
 
     ``objects`` (M,) are rows of their panorama, ``stars`` (M,) rows of the catalogue that ``name_of`` knows, and
@@ -142,7 +142,7 @@ ERRORS = tuple(item.name for item in fields(AttitudeError))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Starlights:
+class Starlight:
     """What the named stars of K panoramas show of the sky, as columns (K,); NaN where none is named.
 
     ``zero_point_mag`` is the magnitude of a star with index value 1, ``limiting_mag`` that of the faintest named star.

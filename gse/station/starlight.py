@@ -6,18 +6,18 @@ from numpy.typing import NDArray
 from gse.catalog import StarCatalog
 from gse.identifier import Answers
 from gse.parts import Parts
-from gse.station.results import MatchColumns, Starlights
+from gse.station.results import Matches, Starlight
 
 MARGIN_MAG = 1.0
 """Colours, noise and doubles make a star as much brighter than its catalogue magnitude says, or as much fainter."""
 
 
-def starlights(brightness: NDArray[np.float64], panoramas: Parts, answers: Answers, catalog: StarCatalog) -> Starlights:
+def starlights(brightness: NDArray[np.float64], panoramas: Parts, answers: Answers, catalog: StarCatalog) -> Starlight:
     """The light of the stars that an identifier found among the objects of K panoramas, with their brightness (M,).
 
     Objects that are all of one brightness come from a sensor that sends none: they have no zero point.
     """
-    light = Starlights.none(len(answers))
+    light = Starlight.none(len(answers))
     shown = answers.parts.counts > 0
     if not shown.any():
         return light
@@ -33,7 +33,7 @@ def starlights(brightness: NDArray[np.float64], panoramas: Parts, answers: Answe
     return light
 
 
-def rows_of(panoramas: Parts, matches: Answers | MatchColumns) -> NDArray[np.int64]:
+def rows_of(panoramas: Parts, matches: Answers | Matches) -> NDArray[np.int64]:
     """The rows of all panoramas' objects that matches (M,) name."""
     rows: NDArray[np.int64] = matches.objects + np.repeat(panoramas.first[:-1], matches.parts.counts)
     return rows

@@ -18,6 +18,7 @@ from gse.identifier import Answers, ObjectColumns
 from gse.parts import Parts
 from gse.process.jit import compiled
 from gse.station.results import MatchColumns
+from gse.station.results import Matches
 from gse.station.starlight import rows_of
 from gse.truth import SiderealTruth
 
@@ -46,7 +47,7 @@ class LeftOutStars:
         self._by_z = np.argsort(catalog.icrs[:, 2], kind="stable")
         self._places = np.ascontiguousarray(catalog.icrs[self._by_z])
 
-    def of(self, objects: ObjectColumns, answers: Answers, frames: SolvedFrames) -> MatchColumns:
+    def of(self, objects: ObjectColumns, answers: Answers, frames: SolvedFrames) -> Matches:
         """The stars of each panorama that its answer does not name, with their residuals; none without an answer."""
         named, first = answers.named, objects.parts.first[:-1]
         left = np.repeat(named, objects.parts.counts)
@@ -59,16 +60,14 @@ class LeftOutStars:
         star = self._by_z[nearest]
         near = np.flatnonzero(np.isfinite(apart))
         if not len(near):  # as of nine frames of ten
-            return MatchColumns.none(len(objects))
+            return Matches.none(len(objects))
         taken = answers.parts.of_row * len(self._catalog) + answers.stars
         near = near[_free(panorama_of[near] * len(self._catalog) + star[near], apart[near], taken)]
         residuals = self._residuals(seen[near], star[near], frame_of[near], frames)
         good = np.hypot(*residuals.T) <= WITHIN_PX * self._pixel_rad
         near, residuals_arcsec = near[good], residuals[good] * ARCSEC_PER_RAD
         parts = Parts.of_counts(np.bincount(panorama_of[near], minlength=len(objects)))
-        return MatchColumns(
-            parts, rows[near] - first[panorama_of[near]], star[near], residuals_arcsec, self._catalog.name
-        )
+        return Matches(parts, rows[near] - first[panorama_of[near]], star[near], residuals_arcsec, self._catalog.name)
 
     def _residuals(
         self, seen: NDArray[np.float64], star: NDArray[np.int64], frame_of: NDArray[np.int64], frames: SolvedFrames

@@ -14,7 +14,7 @@ from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.frame_table import FrameTable
 from gse.station.non_stellar import KINDS, Others
-from gse.station.results import AnswerCheck, AttitudeError, MatchColumns, Starlights, Status
+from gse.station.results import AnswerCheck, AttitudeError, Matches, Starlight, Status
 
 
 @dataclass(frozen=True)
@@ -115,9 +115,9 @@ def attitudes_of(attitudes: Sequence[Attitude | None]) -> Attitudes:
     return made
 
 
-def matches_of(stars: Sequence[Stars], star_name=str) -> MatchColumns:
+def matches_of(stars: Sequence[Stars], star_name=str) -> Matches:
     """The columns of the stars of panoramas."""
-    return MatchColumns(
+    return Matches(
         Parts.of_counts([len(one.objects) for one in stars]),
         np.concatenate([NO_STARS.objects, *(one.objects for one in stars)]),
         np.concatenate([NO_STARS.stars, *(one.stars for one in stars)]),
@@ -134,10 +134,10 @@ def others_of(others: Sequence[Sequence[tuple[int, str]]]) -> Others:
     return Others(Parts.of_counts([len(of_one) for of_one in others]), objects, kinds)
 
 
-def lights_of(lights: Sequence[Light]) -> Starlights:
+def lights_of(lights: Sequence[Light]) -> Starlight:
     """The columns of the starlight of panoramas."""
     columns = np.array([astuple(light) for light in lights]).reshape(-1, 4).T
-    return Starlights(columns[0].astype(np.int64), *columns[1:])
+    return Starlight(columns[0].astype(np.int64), *columns[1:])
 
 
 def add_frame(frames: FrameTable, made: Made) -> None:

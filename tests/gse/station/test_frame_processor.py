@@ -25,7 +25,7 @@ from gse.station.frame_processor import FrameProcessor
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.identified import Identified
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, MatchColumns, Starlights, Status
+from gse.station.results import AnswerCheck, Matches, Starlight, Status
 from gse.truth import EarthOrientation, SiderealTruth
 
 BORESIGHT = Attitude.from_angles(83.0, 0.0, 20.0)
@@ -376,7 +376,7 @@ def test_a_false_answer_within_three_standard_deviations_of_the_lift_is_correct(
         attitudes_of([Attitude(np.eye(3), np.eye(3))] * 3),
         np.array([ANSWER_CHECKS.index(one) for one in before], dtype=np.uint8),
         separation_rad,
-        Starlights.none(3),
+        Starlight.none(3),
         np.zeros(3),
     )
     made = replace(processor(Silent(reference.catalog), None), truth=KnownAir(std_arcsec * arcsec))
@@ -426,7 +426,7 @@ class LeftOut:
 
     def of(self, objects, answers, frames):
         self.objects, self.answers, self.frames = objects, answers, frames
-        return MatchColumns.none(len(answers))
+        return Matches.none(len(answers))
 
 
 @pytest.mark.parametrize("truth", [None, TRUTH])

@@ -12,9 +12,9 @@ from gse.station.results import (
     AnswerCheck,
     LinkCounters,
     Match,
-    MatchColumns,
+    Matches,
     OwnAnswer,
-    Starlights,
+    Starlight,
     Status,
 )
 from protocols import AttitudeMessage
@@ -59,7 +59,7 @@ def test_a_part_of_matches_is_counted_from_its_first_panorama():
 
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_no_matches_of_many_panoramas_are_none_of_each(count):
-    columns = MatchColumns.none(count)
+    columns = Matches.none(count)
     assert [columns[k] for k in range(count)] == [[]] * count
     assert (len(columns.objects), len(columns.stars), columns.residuals_arcsec.shape) == (0, 0, (0, 2))
 
@@ -72,7 +72,7 @@ def shown(lights):
 
 
 def test_without_named_stars_there_is_no_starlight():
-    assert shown(Starlights.none(2)) == [pytest.approx([0, math.nan, math.nan, math.inf], nan_ok=True)] * 2
+    assert shown(Starlight.none(2)) == [pytest.approx([0, math.nan, math.nan, math.inf], nan_ok=True)] * 2
 
 
 def test_starlight_is_filled_in_at_the_places_that_lack_it_in_all_of_its_columns():
@@ -83,7 +83,7 @@ def test_starlight_is_filled_in_at_the_places_that_lack_it_in_all_of_its_columns
 
 
 def test_columns_of_starlight_that_show_nothing_are_filled_one_by_one():
-    lights = Starlights.none(1)
+    lights = Starlight.none(1)
     lights.zero_point_mag[0] = 3.0
     assert math.isnan(lights.limiting_mag[0])
 
