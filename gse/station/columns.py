@@ -105,27 +105,19 @@ class Column:
 
 
 COLUMNS = (
-    # Of the panorama; filled by gse.station.frame_results.
+    # Of the panorama, its answer and truth: filled by FrameResults.rows (gse.station.frame_results).
     Column("utc_ns", "i8", "UTC of mid-exposure"),
     Column("host_utc_ns", "i8", "host clock when the first byte of the frame was read; 0 if not known"),
     Column("time_us", "u8", "time tag of the sensor's own clock"),
     Column("frame_no", "u4", "number of the panorama, as the sensor counts"),
     Column("sequence", "u2", "number of the frame on the wire"),
-    # Of the answer; filled by gse.station.frame_results.
     Column("status", "u1", "outcome of the identification", words=STATUSES, of_answer=True),
     Column("answer_check", "u1", "the reference identifier's check of the answer", words=ANSWER_CHECKS, of_answer=True),
     Column("objects", "u1", "objects of the panorama", ranged=True),
     Column("matched", "u1", "objects that the answer identified as stars", of_answer=True, ranged=True),
     Column("hot_pixels", "u1", "objects that stay on their pixel while the sky moves", ranged=True),
     Column("exposure_s", "f4", "exposure time", ranged=True),
-    Column(
-        "temperature_c",
-        "f4",
-        "temperature of the detector",
-        ranged=True,
-        graph="temperature_c",
-        line="detector",
-    ),
+    Column("temperature_c", "f4", "temperature of the detector", ranged=True, graph="temperature_c", line="detector"),
     Column(
         "false_match_probability",
         "f4",
@@ -136,15 +128,14 @@ COLUMNS = (
     Column(
         "zero_point_mag",
         "f4",
-        "median of catalogue magnitude + 2.5 log10(index value) of the named stars; a cloud of one magnitude lowers it "
-        "by one",
+        "median of catalogue magnitude + 2.5 log10(index value) of the named stars; a cloud of 1 mag lowers it by 1",
         of_answer=True,
         ranged=True,
     ),
     Column(
         "elapsed_us",
         "f4",
-        "time from objects to RA and DE",
+        "from objects to RA and DE",
         of_answer=True,
         graph="identification_ms",
         line="identification",
@@ -152,7 +143,6 @@ COLUMNS = (
     Column("ra_deg", "f8", "right ascension that is answered for the boresight, in ICRS", of_answer=True),
     Column("de_deg", "f8", "declination that is answered for the boresight, in ICRS", of_answer=True),
     Column("roll_deg", "f8", "position angle of image up that is answered, from north through east", of_answer=True),
-    # Of truth; filled by gse.station.frame_results.
     Column("ra_true_deg", "f8", "right ascension of where the mount looked"),
     Column("de_true_deg", "f8", "declination of where the mount looked"),
     Column("roll_true_deg", "f8", "position angle of image up where the mount looked"),
@@ -162,21 +152,14 @@ COLUMNS = (
     Column(
         "cross_x_arcsec",
         "f8",
-        "error across the boresight, along columns",
+        "error of the boresight along columns",
         of_answer=True,
         graph="cross",
         line="x (columns)",
     ),
-    Column(
-        "cross_y_arcsec",
-        "f8",
-        "error across the boresight, along rows",
-        of_answer=True,
-        graph="cross",
-        line="y (rows)",
-    ),
-    # Of the sky, the same for the frames of 5 s; all but the first two and false_objects are filled by
-    # gse.station.sky_watch.
+    Column("cross_y_arcsec", "f8", "error of the boresight along rows", of_answer=True, graph="cross", line="y (rows)"),
+    # Of the sky: stars_seen, limiting_mag and false_objects are filled by FrameResults.rows; the others, the same for
+    # the frames of 5 s, by gse.station.sky_watch.
     Column(
         "stars_seen",
         "u1",
@@ -212,7 +195,7 @@ COLUMNS = (
         "objects as bright as stars of the catalogue that are neither star, planet nor hot pixel",
         ranged=True,
     ),
-    # Of the latest STATUS frame; filled by gse.station.housekeeping.
+    # Of the latest STATUS frame: filled by gse.station.housekeeping.
     Column("supply_v", "f4", "supply voltage of the latest STATUS frame", ranged=True),
     Column("mode", "u1", "mode of the sensor in the latest STATUS frame", words=MODES),
 )
@@ -227,8 +210,8 @@ OWN_COLUMNS = (
     Column("d_ra_cosde_arcsec", "f8", "error in right ascension, times cos DE"),
     Column("d_de_arcsec", "f8", "error in declination"),
     Column("d_roll_arcsec", "f8", "error in roll"),
-    Column("cross_x_arcsec", "f8", "error across the boresight, along columns"),
-    Column("cross_y_arcsec", "f8", "error across the boresight, along rows"),
+    Column("cross_x_arcsec", "f8", "error of the boresight along columns"),
+    Column("cross_y_arcsec", "f8", "error of the boresight along rows"),
     Column("latency_ms", "f8", "processing time that the sensor states"),
     Column("arrival_ms", "f8", "from mid-exposure to the first byte of the ATTITUDE frame at the host"),
     Column("matched", "u2", "stars that the sensor says it identified"),
