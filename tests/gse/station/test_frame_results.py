@@ -10,7 +10,7 @@ from skies.one_by_one import Light, Made, Stars, results_of
 from gse.attitude import Attitude
 from gse.external.answers import Failure, FailureKind
 from gse.external.identifier import Given
-from gse.identifier import Identification
+from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.panorama import Panorama
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, OTHER, STATUSES
 from gse.station.non_stellar import KINDS
@@ -248,6 +248,14 @@ def test_a_part_of_results_is_what_they_are_counted_from_its_first():
     assert [one.status for one in (part[0], part[1], part[-1])] == [Status.NO_MATCH, *[Status.IDENTIFIED] * 2]
     with pytest.raises(IndexError):
         part[2]
+
+
+def test_a_part_of_answers_has_its_own_reasons():
+    none = Unidentified(Reason.NO_MATCH, "no star reached Fn = 6")
+    answers = Answers.of([none, Identification(np.array([1]), np.array([8]), 0.5), none])
+    part = answers.part(1, 3)
+    assert (part[0].stars.tolist(), part[0].false_match_probability) == ([8], 0.5)
+    assert part.unidentified == {1: none}
 
 
 def test_a_result_alone_is_a_part_of_one():

@@ -90,10 +90,11 @@ def test_events_stand_before_the_results_that_bring_them_in_their_order(session)
 
 
 def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
+    stored(2, session)
     results = stored(3, session, failed=1)
-    ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 0)
-    assert (place, told.kind, told.utc_ns) == (1, "IDENTIFIER_FAULT", START_NS + NS_PER_S)
-    assert (told.text, told.mono_ns) == ("CRASH at frame 1: it ended", 0)
+    ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 2)
+    assert (place, told.kind, told.utc_ns) == (1, "IDENTIFIER_FAULT", START_NS + 3 * NS_PER_S)
+    assert (told.text, told.mono_ns) == ("CRASH at frame 3: it ended", 0)
     assert (session.external_counts.answers, session.external_counts.failures["CRASH"]) == (2, 1)
 
 

@@ -62,6 +62,8 @@ def test_a_declared_graph_has_its_columns_and_a_place_on_the_screen(rows, tmp_pa
     frames, per_unit = synthetic_night(FRAMES).frames.columns, 1000 if graph == "identification_ms" else 1
     drawn = np.column_stack([frames[column.name].astype(np.float64) for column in GRAPHS[graph]])
     assert np.allclose(values(rows, f"/{graph}"), drawn / per_unit, atol=0.0006, equal_nan=True)
+    (style,) = [row for row in rows[f"/{graph}"] if row["static"]]
+    assert len(style["SeriesLines:colors"]) == len(style["SeriesLines:names"]) == len(GRAPHS[graph])
     layout(synthetic_night(1).station).save("gse", str(tmp_path / "layout.rbl"))
     reader = RrdReader(str(tmp_path / "layout.rbl"))
     batches = [chunk.to_record_batch() for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks()]
@@ -179,6 +181,19 @@ def test_stars_keep_their_order_from_frame_to_frame_whatever_their_brightness(tm
     swapped = replace(frame, panorama=panorama, matches=replace(frame.matches, objects=swap[frame.matches.objects]))
     assert drawn(swapped) == drawn(frame)
     assert drawn(frame)[1][:2] == ["Spica", "Heze"]
+
+
+def test_frames_that_come_together_are_pictures_each_with_its_own_objects(tmp_path: Path, frames) -> None:
+    """The last of these three has no answer."""
+    path = tmp_path / "together.rrd"
+    stream = rerun.RecordingStream("gse", send_properties=False)
+    stream.set_sinks(rerun.FileSink(str(path)))
+    shown = frames[47:50]
+    Scene(stream, synthetic_night(1).station, None, live=True).add(list(results_of(shown)), pictures=3)
+    stream.disconnect()
+    rows = rows_of(path)
+    for kind, of_frame in (("stars", [len(frame.matches) for frame in shown]), ("hot", [1, 1, 0])):
+        assert [len(row["Points2D:positions"]) for row in moving(rows[f"/panorama/{kind}"])] == of_frame
 
 
 def test_of_a_long_session_those_frames_are_pictures_that_keep_all_of_their_objects(tmp_path: Path, frames) -> None:
