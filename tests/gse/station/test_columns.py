@@ -71,5 +71,13 @@ def test_a_line_of_frames_csv_has_each_declared_column():
     assert set(shown) == declared - {"utc_ns"} | {"utc", "firmware", "serial"}
 
 
+def test_a_probability_has_its_significant_digits_in_frames_csv_and_an_error_its_decimals():
+    frames = synthetic_night(1).frames.columns
+    frames["false_match_probability"], frames["d_de_arcsec"] = 1.23456e-12, 1.23456
+    head, line, *_ = "".join(frames_csv(frames)).splitlines()
+    cells = dict(zip(head.split(","), line.split(","), strict=True))
+    assert (cells["onboard_false_match_probability"], cells["onboard_d_de_arcsec"]) == ("1.23e-12", "1.235")
+
+
 def test_the_sensors_own_answers_have_the_declared_columns():
     assert [field.name for field in fields(SensorAnswers)] == [column.name for column in OWN_COLUMNS]
