@@ -17,7 +17,6 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.identifier import Answers, ObjectColumns
 from gse.parts import Parts
 from gse.process.jit import compiled
-from gse.station.results import MatchColumns
 from gse.station.results import Matches
 from gse.station.starlight import rows_of
 from gse.truth import SiderealTruth
