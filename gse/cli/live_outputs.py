@@ -98,26 +98,13 @@ class LiveOutputs:
         """The requested listeners and the ``live`` state, which the status line and the requested view show."""
         listeners: list[Listener] = [JsonFrames()] if self._options.json_frames else []
         if self._diagnose or self._options.view != "none":  # the verdict itself comes sooner than its forecast
-            self._forecast = Forecast(loop.sky.fill)
+            self._forecast = Forecast(live, loop.sky.fill)
             listeners.append(self._forecast)
         listeners.append(live)
         self._open_status(loop, folder, live)
         if self._options.view != "none" or self._options.save_rrd is not None:
             self._open_view(loop, folder, live)
         return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
-
-    @property
-    def page(self) -> str | None:
-        """The address of the live page; None without one."""
-        return self._live.url or None if self._live else None
-
-    def forecast(self) -> str:
-        """The line on the time to a verdict; empty before it is known."""
-        return self._forecast.text if self._forecast else ""
-
-    def metrics(self) -> str:
-        """The metrics so far as a table in Markdown; empty before they are known."""
-        return self._forecast.metrics if self._forecast else ""
 
     def enter_judging(self) -> None:
         """Show that the session is closed and judged."""
@@ -152,7 +139,7 @@ class LiveOutputs:
         if self._options.view == "none":
             click.echo("to see it live: --view web", err=True)
         link = loop.session.link
-        status = StatusLine(live, folder, forecast=self.forecast, progress=lambda: self._progress(link.bytes_in))
+        status = StatusLine(live, folder, progress=lambda: self._progress(link.bytes_in))
         status.__enter__()
         self._status = live.add(status)
 
@@ -168,14 +155,13 @@ class LiveOutputs:
             port=self._options.http_port,
             folder=folder,
             notes=self._notes,
-            forecast=self.forecast,
-            metrics=self.metrics,
         )
         if view.url:
             in_rerun = f" (rerun: {view.rerun_url})" if view.rerun_url else ""
             click.echo(f"live page: {view.url}{in_rerun}", err=True)
         if view.url and self._options.bind not in _LOOPBACK and self._notes is not None:
             click.echo(f"notes from other machines: {view.url}#token={view.token}", err=True)
+        live.page = view.url or None
         self._live = live.add(view)
 
 

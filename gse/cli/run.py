@@ -1,7 +1,7 @@
 """``gse run``: the live test of a sensor, real or simulated."""
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,8 +38,6 @@ from protocols.errors import ProtocolError
 if TYPE_CHECKING:
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
-    from gse.station.loop import Listener, StationLoop
-    from gse.view.live_state import LiveState
 
 _MOST_LISTED = 3
 """Most unfinished sessions listed; of further ones only the number."""
@@ -106,7 +104,7 @@ def command(
                 text,
                 out,
                 Operator(ending, _say, session.opened, lambda: session.terminal_news(outputs), notes),
-                make_listeners=lambda *of_session: session.listeners(live_outputs, *of_session),
+                make_listeners=live_outputs.listeners,
                 duration_s=duration_s,
                 wait_port=wait_port,
                 clock_error_s=clock_error_s,
@@ -147,15 +145,6 @@ class _Session:
         if self._detachment is not None:
             self._detachment.keep_small()
         return outputs.news()
-
-    def listeners(
-        self, live_outputs: LiveOutputs, loop: "StationLoop", folder: Path, live: "LiveState"
-    ) -> "Sequence[Listener]":
-        """Those of the live outputs; the status file then shows what these know."""
-        found = live_outputs.listeners(loop, folder, live)
-        if self._status is not None:
-            self._status.link_up(page=live_outputs.page, forecast=live_outputs.forecast)
-        return found
 
     def run(
         self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None, *, plots: bool

@@ -20,6 +20,7 @@ from gse.station.frame_columns import FrameColumns
 from gse.station.frame_results import FrameResults
 from gse.station.results import Verdict
 from gse.station.session_data import SessionData
+from gse.view.live_state import LiveState
 
 if TYPE_CHECKING:
     from gse.assessment.verdict import Assessment
@@ -35,16 +36,15 @@ _MOST_NAMED = 2
 
 
 class Forecast:
-    """A listener that knows how long a session still has to be; ``text`` is a line, empty before the first answer.
+    """A listener that finds how long a session still has to be, and its metrics (ECSS-E-ST-60-20C) so far.
 
-    ``metrics`` are those of ECSS-E-ST-60-20C so far, as a table in Markdown, empty before too.
+    Both go into the ``live`` state, for its displays.
 
     ``fill_sky`` fills the sky columns of a snapshot's frames (rows of FRAME), which the loop itself does at the end.
     """
 
-    def __init__(self, fill_sky: Callable[[FrameColumns], None] = lambda frames: None) -> None:
-        self._fill_sky = fill_sky
-        self.text = self.metrics = ""
+    def __init__(self, live: LiveState, fill_sky: Callable[[FrameColumns], None] = lambda frames: None) -> None:
+        self._live, self._fill_sky = live, fill_sky
         self._begun = threading.Event()
         self._wanted = threading.Event()
         self._wanted.set()
@@ -82,8 +82,8 @@ class Forecast:
             began_s = time.thread_time()
             with suppress(Exception):  # a forecast that fails must not end the session; the verdict will say why
                 assessment = judge(session)
-                self.text = forecast_text(assessment)
-                self.metrics = metrics_in_markdown(assessment.statistics)
+                self._live.forecast = forecast_text(assessment)
+                self._live.metrics = metrics_in_markdown(assessment.statistics)
             if self._closing.wait(max(EVERY_S, _PAUSES * (time.thread_time() - began_s))):
                 return
             self._wanted.set()

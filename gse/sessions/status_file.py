@@ -11,7 +11,6 @@ import math
 import os
 import shutil
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -35,24 +34,18 @@ _RENEWED_WITHIN_S = 10.0
 class StatusFile:
     """Keeps status.json as the ``live`` state is; tries again after a disk error.
 
-    While the session runs it puts the notes that are left in its folder into ``notes``. ``url`` is the live page's.
+    While the session runs it puts the notes that are left in its folder into ``notes``.
     """
 
     def __init__(self, folder: Path, live: LiveState, notes: Notes) -> None:
         self._folder, self._live = folder, live
         self._notes = notes
-        self._forecast: Callable[[], str] = lambda: ""
-        self._page: str | None = None
         self._state = "starting"
         self._outcome: dict[str, Any] = {"verdict": None, "exit_code": None}
         self._changed = threading.Event()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="status file", daemon=True)
         self._thread.start()
-
-    def link_up(self, *, page: str | None, forecast: Callable[[], str]) -> None:
-        """The address of the live page, None without one, and the line on the time to a verdict."""
-        self._page, self._forecast = page, forecast
 
     def enter(self, state: str) -> None:
         """Enter the next state: running, closing, reporting."""
@@ -102,8 +95,8 @@ class StatusFile:
             "last_answer_utc": instant.to_text(answered_ns, 1) if answered_ns else None,
             "sky": so_far.sky or None,
             "so_far": headline(so_far),
-            "forecast": self._forecast() or None,
-            "page": self._page,
+            "forecast": self._live.forecast or None,
+            "page": self._live.page,
             "session_bytes": session.stat().st_size if session.exists() else 0,
             "disk_free_bytes": disk_free_bytes(self._folder),
             **self._outcome,

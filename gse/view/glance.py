@@ -5,7 +5,6 @@ The thread of the page's server calls ``absorb`` and ``document`` a few times pe
 
 import math
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +28,10 @@ _SKY_WORDS = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"
 
 
 class Glance:
-    """One session at a glance, by its ``live`` state.
+    """One session at a glance, by its ``live`` state; ``folder`` is where it is recorded."""
 
-    ``folder`` is where it is recorded, ``forecast`` gives the line on the time to a verdict.
-    """
-
-    def __init__(
-        self, live: LiveState, *, folder: Path | None = None, forecast: Callable[[], str] = lambda: ""
-    ) -> None:
-        self._live, self._folder, self._forecast = live, folder, forecast
+    def __init__(self, live: LiveState, *, folder: Path | None = None) -> None:
+        self._live, self._folder = live, folder
         self._station = live.station
         self._phase, self._verdict = Phase.RUNNING, ""
         self._reasons: tuple[str, ...] = ()
@@ -95,7 +89,7 @@ class Glance:
             "axes": self._axes(),
             "stars": self._stars(),
             "sky": so_far.sky or None,
-            "forecast": self._verdict if self.has_ended else self._forecast(),
+            "forecast": self._verdict if self.has_ended else self._live.forecast,
             **self._slow,
         }
 

@@ -5,7 +5,7 @@ glance page works where rerun is absent or has died.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Self
@@ -34,8 +34,7 @@ class LiveView:
 
     ``mode`` is ``web`` (pages at ``url``), ``native`` (rerun's own window), or ``none``: then only ``save_rrd`` is
     written. ``bind`` is the address of all servers, ``port`` that of the pages; 0 for the usual or another free one.
-    ``notes`` takes the notes of the glance page; without it there are none. ``forecast`` gives the line on the time to
-    a verdict, ``metrics`` a table in Markdown for rerun's panel of the verdict.
+    ``notes`` takes the notes of the glance page; without it there are none.
     """
 
     def __init__(
@@ -49,12 +48,10 @@ class LiveView:
         port: int = 0,
         folder: Path | None = None,
         notes: Notes | None = None,
-        forecast: Callable[[], str] = lambda: "",
-        metrics: Callable[[], str] = lambda: "",
     ) -> None:
         self.url = self.token = ""
-        self._glance = Glance(live, folder=folder, forecast=forecast)
-        self._feed = _feed(live, mode, save_rrd, catalog, bind, metrics)
+        self._glance = Glance(live, folder=folder)
+        self._feed = _feed(live, mode, save_rrd, catalog, bind)
         self._server: ViewServer | None = None
         if mode == "web":
             self._serve(bind, port, notes)
@@ -128,7 +125,6 @@ def _feed(
     save_rrd: Path | None,
     catalog: StarCatalog | None,
     bind: str,
-    metrics: Callable[[], str],
 ) -> "RerunFeed | None":
     """rerun's part of the view; None where it cannot be had, which a line says."""
     try:
@@ -142,7 +138,6 @@ def _feed(
             save_rrd=save_rrd,
             catalog=catalog,
             bind=bind,
-            metrics=metrics,
         )
     except (GseError, ImportError) as error:
         _LOG.warning("no view in rerun: %s; the session goes on", error)

@@ -361,11 +361,17 @@ SomeDisplay = TypeVar("SomeDisplay", bound=Display)
 
 
 class LiveState:
-    """A listener of the station loop that knows how the session of a ``station`` stands (``so_far``)."""
+    """A listener of the station loop that knows how the session of a ``station`` stands (``so_far``).
+
+    ``forecast`` is the line on the time to a verdict and ``metrics`` a table in Markdown, both empty before they are
+    known: another thread sets them. ``page`` is the address of the live page, None without one.
+    """
 
     def __init__(self, station: Station) -> None:
         self.station = station
         self.so_far = SessionSoFar(station.limits)
+        self.forecast = self.metrics = ""
+        self.page: str | None = None
         self._displays: list[Display] = []
         self._own = NewOwnErrors()
         self._events = EventLines(frozenset({StationKind.NOTE}))

@@ -11,7 +11,7 @@ to a viewer does block, after some 36,000 frames.)
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -90,10 +90,8 @@ class RerunFeed:
         catalog: StarCatalog | None = None,
         bind: str = "127.0.0.1",
         queue_frames: int = QUEUE_FRAMES,
-        metrics: Callable[[], str] = lambda: "",
         pages: bool = False,
     ) -> None:
-        self._metrics = metrics
         self.grpc_port = free_port(bind) if serve else 0
         self._given = 0
         self._taken = 0
@@ -174,7 +172,7 @@ class RerunFeed:
     def _feed(self, live: LiveState, catalog: StarCatalog | None) -> None:
         scene = Scene(self._stream, live.station, catalog, live=True)
         self._scene = scene
-        feed = _SceneFeed(scene, every_picture=self._every_picture, metrics=self._metrics)
+        feed = _SceneFeed(scene, live, every_picture=self._every_picture)
         while True:
             last = self._closing.is_set()
             while batch := self._take():
@@ -208,9 +206,9 @@ def _server(bind: str, port: int) -> object:
 class _SceneFeed:
     """Adds queued items to a scene, in order."""
 
-    def __init__(self, scene: Scene, *, every_picture: bool, metrics: Callable[[], str]) -> None:
+    def __init__(self, scene: Scene, live: LiveState, *, every_picture: bool) -> None:
         self._scene = scene
-        self._metrics = metrics
+        self._live = live
         self._every_picture = every_picture
         self._dropped = 0
         self._panel_utc_ns = 0
@@ -234,7 +232,7 @@ class _SceneFeed:
         self._dropped = dropped
         if so_far.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = so_far.utc_ns
-            self._scene.words(so_far.utc_ns, self._so_far(), self._metrics())
+            self._scene.words(so_far.utc_ns, self._so_far(), self._live.metrics)
             self._scene.stands(so_far.utc_ns, standing(so_far))
 
     def _so_far(self) -> str:
@@ -243,7 +241,7 @@ class _SceneFeed:
     def _conclude(self, item: _Concluded) -> None:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
-        self._scene.words(self._scene.so_far.utc_ns, text, self._metrics())
+        self._scene.words(self._scene.so_far.utc_ns, text, self._live.metrics)
         self._scene.stands(self._scene.so_far.utc_ns, bare_verdict(item.verdict))
 
     def finish(self) -> None:

@@ -31,8 +31,7 @@ class StatusLine:
     """A display and context manager: one line, renewed twice a second.
 
     It is written to stderr; where that is no terminal there is a line for each STATE_EVERY_NS of the data's time.
-    ``folder`` is the session folder: the free space of its disk is shown. ``forecast`` gives the line on the time to a
-    verdict, ``progress`` how far a replay is.
+    ``folder`` is the session folder: the free space of its disk is shown. ``progress`` says how far a replay is.
     """
 
     def __init__(
@@ -41,10 +40,9 @@ class StatusLine:
         folder: Path | None = None,
         console: Console | None = None,
         *,
-        forecast: Callable[[], str] = lambda: "",
         progress: Callable[[], str] = lambda: "",
     ) -> None:
-        self._forecast, self._progress = forecast, progress
+        self._progress = progress
         self._console = console or Console(stderr=True, highlight=False)
         self._is_terminal = self._console.is_terminal
         self._width = self._console.width
@@ -104,7 +102,7 @@ class StatusLine:
         yield _Part(f"  NEA {_nea(so_far.d_ra.nea)}, {_nea(so_far.d_de.nea)} arcsec", 6)
         yield _clock(so_far)
         yield self._disk()
-        yield _Part(f"  {forecast}" if (forecast := self._forecast()) else "", 4)
+        yield _Part(f"  {forecast}" if (forecast := self._state.forecast) else "", 4)
 
     def _disk(self) -> "_Part":
         if self._folder is None:

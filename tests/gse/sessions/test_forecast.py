@@ -10,6 +10,7 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.sessions.forecast import Forecast, forecast_text, snapshot
+from gse.view.live_state import LiveState
 
 
 def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
@@ -52,16 +53,17 @@ def test_a_session_without_an_answer_has_no_verdict_ahead_of_it() -> None:
 def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
     session = synthetic_night(100)
     (frame,) = synthetic_frames(1)
-    forecast = Forecast()
+    live = LiveState(session.station)
+    forecast = Forecast(live)
     try:
         for _ in range(3):
             forecast.on_results(results_of([frame]), session)
         pause = threading.Event()
         for _ in range(round(20 * PATIENCE_S)):
-            if forecast.metrics:
+            if live.metrics:
                 break
             pause.wait(0.05)
-        assert forecast.text
-        assert "| noise equivalent angle, x | " in forecast.metrics
+        assert live.forecast
+        assert "| noise equivalent angle, x | " in live.metrics
     finally:
         forecast.close()
