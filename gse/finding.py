@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One cause, for the operator; it decides nothing.
+    """One cause, for the operator. The limits decide, not a finding; a mistake of the set-up may excuse what they say.
 
     ``cause`` is the head word, the same for all sizes (docs/troubleshooting.md has an entry for each). ``size`` says it
     in the unit that an operator turns, ``equals`` are causes that the session cannot tell apart from it, and

@@ -2,31 +2,29 @@
 
 Each subject on trial has the rows of gse.assessment.requirements; gse.statistics.decision gives the rule.
 
-FAIL where a row fails. A row that fails by a mistake of the set-up is INCONCLUSIVE (gse.diagnosis.set_up_mistake); so
-is a session where a row of the accuracy, availability or false answers cannot be decided, or where something stands in
-the way of PASS (gse.assessment.obstacles). PASS otherwise, with what was not tested.
+FAIL where a row fails. A row that fails for what excuses it is INCONCLUSIVE (gse.statistics.excuses); so is a session
+where a row of the accuracy, availability or false answers cannot be decided, or where something stands in the way of
+PASS (gse.assessment.obstacles). PASS otherwise, with what was not tested.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from gse.assessment.not_run import under_stop
 from gse.assessment.obstacles import obstacles
-from gse.assessment.requirements import REQUIREMENTS, Case
+from gse.assessment.requirements import REQUIREMENTS, Case, requirement_of
 from gse.axis import ON_SKY
 from gse.budget.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.config.station import Station
 from gse.diagnosis.diagnosis import findings
-from gse.diagnosis.low_field import under_air
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.diagnosis.set_up_mistake import excused, lost_station, set_up_mistake
+from gse.diagnosis.set_up_mistake import lost_station, mistake_of, set_up_mistake
 from gse.finding import Finding
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Outcome, Row
-from gse.statistics.no_sky import under_cloud
+from gse.statistics.excuses import Evidence, excused
 from gse.statistics.session_statistics import Statistics, statistics
 
 TRUTH_SHARE = 3.0
@@ -82,10 +80,9 @@ def judge(session: SessionData) -> Assessment:
     mistake = lost_station(session)
     if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
         mistake = set_up_mistake(session, stats.counted, found)
-    if mistake:
-        rows = tuple(excused(row, mistake) for row in rows)
-    rows = tuple(under_air(under_cloud(row, session.frames.columns), session) for row in rows)
-    rows = tuple(under_stop(row, session, stats) for row in rows)
+    available = {subject: of.available for subject, of in stats.subjects.items()}
+    evidence = Evidence(session, available, mistake_of(mistake) if mistake else None)
+    rows = tuple(excused(row, requirement_of(row).claim, evidence) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
     if mistake:
         in_the_way = (f"set-up: {mistake}", *in_the_way)

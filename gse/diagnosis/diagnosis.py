@@ -1,7 +1,8 @@
 """Diagnosis: the causes of what a session shows, gross and fine, as findings.
 
-A finding is a hint for the operator and decides nothing; the verdict goes by the limits alone. There is one cause for
-one effect: fine ones compete with each other, a gross one silences them, and events that say the same are left out.
+A finding is a hint for the operator. None makes a row PASS or FAIL; one that is a mistake of the set-up may excuse rows
+that fail (gse.diagnosis.set_up_mistake, gse.statistics.excuses). There is one cause for one effect: fine ones compete
+with each other, a gross one silences them, and events that say the same are left out.
 """
 
 from collections.abc import Iterator
@@ -16,7 +17,6 @@ from gse.diagnosis.fine_findings import Setting, fine_findings
 from gse.diagnosis.focus import focus_finding, focus_loss
 from gse.diagnosis.known_clock_steps import without_steps
 from gse.diagnosis.late_frames import LateFrames
-from gse.diagnosis.low_field import without_shaking
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, most_unmatched, stars_fall_out
 from gse.diagnosis.plain_findings import (
     event_findings,
@@ -33,6 +33,7 @@ from gse.diagnosis.star_changes import sampled_matches, without_star_changes
 from gse.diagnosis.still_panoramas import still_panoramas
 from gse.diagnosis.time_tags import often_stand_still, time_tag_faults
 from gse.diagnosis.unexplained import unexplained
+from gse.diagnosis.vibration import without_shaking
 from gse.finding import Finding
 from gse.station.clock_steps import clock_steps
 from gse.station.own_answers import sensor_answers

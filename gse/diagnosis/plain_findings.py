@@ -7,7 +7,6 @@ import numpy as np
 from drivers.chunk import LinkEvent, LinkKind
 from gse.count_text import count_text
 from gse.diagnosis.late_frames import CRYSTAL_PPM
-from gse.diagnosis.low_field import air_in_field, only_reference_answers
 from gse.diagnosis.misplaced_stars import FALLEN_OUT_SHARE
 from gse.finding import Finding
 from gse.instant import NS_PER_S
@@ -16,6 +15,7 @@ from gse.station.frame_table import STATUSES
 from gse.station.results import Status
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
+from gse.statistics.low_field import air_in_field, only_reference_answers
 from gse.statistics.session_statistics import Statistics
 
 _FEWEST_DRIFTING = 10

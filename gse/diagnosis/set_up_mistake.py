@@ -25,17 +25,16 @@ from gse.finding import Finding
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status, Subject
+from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
-from gse.statistics.decision import Outcome, Row
+from gse.statistics.excuses import Mistake, Mistaken
 
 _OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
 _NO_STATION = "station file"
 _NOTHING = "nothing identified"
 _KEPT_SHARE = 0.9
 """Of some 15 frames: one may lie outside."""
-_OF_IDENTIFICATION = ("availability", "false answers")
 
 
 def lost_station(session: SessionData) -> Finding | None:
@@ -88,16 +87,9 @@ def _keeps(left_arcsec: NDArray[np.float64], limits: Limits) -> bool:
     return bool((across & (np.abs(left_arcsec[:, 2]) <= limits.of(D_ROLL))).mean() >= _KEPT_SHARE)
 
 
-def excused(row: Row, mistake: Finding) -> Row:
-    """A row that fails by the mistake: INCONCLUSIVE; another as it is."""
-    is_identification = row.subject is Subject.ONBOARD and row.name in _OF_IDENTIFICATION
-    is_accuracy = row.unit == "arcsec"
-    if mistake.cause == _NO_STATION:
-        by_it = True
-    elif mistake.cause in (*_OF_CAMERA, *STARS_FALL_OUT, _NOTHING):
-        by_it = is_identification or (is_accuracy and row.subject is Subject.ONBOARD)
-    else:
-        by_it = is_accuracy
-    if row.outcome is not Outcome.FAIL or not by_it:
-        return row
-    return replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{row.reason}: by the set-up ({mistake.cause})")
+def mistake_of(finding: Finding) -> Mistake:
+    """What a mistake is of, which says what it excuses."""
+    if finding.cause == _NO_STATION:
+        return Mistake(Mistaken.STATION_FILE, finding.cause)
+    is_camera = finding.cause in (*_OF_CAMERA, *STARS_FALL_OUT, _NOTHING)
+    return Mistake(Mistaken.CAMERA if is_camera else Mistaken.PLACE, finding.cause)

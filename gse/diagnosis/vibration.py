@@ -15,8 +15,12 @@ from numpy.typing import NDArray
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import FieldOfErrors
 from gse.matrices import lstsq, product
+from gse.finding import Finding
 from gse.star_influence import boresight_shifts
+from gse.station.session_data import SessionData
+from gse.statistics.low_field import air_in_field
 
+_CAUSE = "vibration"
 LEAST_RATIO = 4.0
 """Of the variances, so that the scatter is twice what stars explain: seeing makes a part of it too."""
 _LEAST_SIGMAS = 5.0
@@ -120,3 +124,13 @@ def _line_hz(time_s: NDArray[np.float64], values: NDArray[np.float64], frame_s: 
     if line < _LINE_SHARE * excess / 2 or power[peak] < _LINE_OVER_MEDIAN * np.median(power[1:]):
         return math.nan
     return peak / (len(values) * frame_s)
+
+
+def without_shaking(found: tuple[Finding, ...], session: SessionData) -> tuple[Finding, ...]:
+    """Findings without a vibration where air parts the stars.
+
+    An identifier then names those whose errors make up for the air, so that they scatter by less than all do.
+    """
+    if any(finding.cause == _CAUSE for finding in found) and air_in_field(session):
+        return tuple(finding for finding in found if finding.cause != _CAUSE)
+    return found

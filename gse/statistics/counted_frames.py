@@ -1,7 +1,6 @@
 """Which frames of a session count, decided once for statistics, false answers and plots.
 
-An answer that is missing or false counts whatever the time of its frame: stars are identified without it. Errors are
-left out where link or clock made the time uncertain, whole frames only where sky or operator are the reason.
+What is left out, and what that excuses, is the table of gse.statistics.excuses. False answers count everywhere.
 """
 
 from dataclasses import dataclass
@@ -10,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
-from gse.station.exclusions import Cause, Exclusion, excluded, exclusions
+from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status, Subject
+from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
-from gse.statistics.no_sky import no_sky
+from gse.statistics.decision import Claim
+from gse.statistics.excuses import excusing, left_out
 
 OUTLIER_ARCSEC = 1800.0
 """An answer this far from the median of all is not noise: half a degree."""
-
-_UNCERTAIN_TIME = (Cause.CLOCK_STEP, Cause.BACKLOG)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,30 +45,13 @@ class CountedFrames:
 def counted_frames(session: SessionData) -> CountedFrames:
     """Decide which frames of a session count."""
     frames = session.frames.columns
-    stretches = (
-        *exclusions(session.events, frames),
-        *_no_sky(session, frames),
-        *session.excluded,
-    )
-    mask = excluded(frames["utc_ns"], stretches)
+    stretches = left_out(session)
+    mask = excluded(frames["utc_ns"], excusing(Claim.ACCURACY, stretches))
     answered = np.asarray(frames["status"] == STATUSES.index(Status.IDENTIFIED))
     false = false_answers(frames, mask, stretches)
     used = answered & ~false & ~mask & np.isfinite(frames["d_de_arcsec"])
-    excused = [item for item in stretches if item.cause not in _UNCERTAIN_TIME]
-    return CountedFrames(answered, false, mask, ~excluded(frames["utc_ns"], excused), used, stretches)
-
-
-def _no_sky(session: SessionData, frames: Columns) -> tuple[Exclusion, ...]:
-    """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky.
-
-    Before a star simulator there is no sky to fail.
-    """
-    if session.station.mount.inertial is not None:
-        return ()
-    found = no_sky(frames, session.station.site)
-    if session.subject is Subject.ONBOARD:
-        return found
-    return tuple(item for item in found if item.cause is not Cause.NO_OBJECTS)
+    expected = ~excluded(frames["utc_ns"], excusing(Claim.ABSENCE, stretches))
+    return CountedFrames(answered, false, mask, expected, used, stretches)
 
 
 def false_answers(
@@ -109,7 +90,7 @@ def explained_arcsec(frames: Columns, stretches: tuple[Exclusion, ...]) -> NDArr
     """How far (M,) from the median an answer may lie: half a degree, and what the uncertain time of a stretch makes."""
     time_error_s = np.zeros(len(frames))
     for item in stretches:
-        if item.cause in _UNCERTAIN_TIME:
+        if item.time_error_s:
             inside = excluded(frames["utc_ns"], [item])
             time_error_s[inside] = np.maximum(time_error_s[inside], item.time_error_s)
     return np.asarray(OUTLIER_ARCSEC + EARTH_RATE_ARCSEC_PER_S * time_error_s)

@@ -7,7 +7,6 @@ sensor sends them too.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,9 @@ from gse.instant import NS_PER_S
 from gse.site import Site
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_columns import Columns, InOrder
-from gse.station.frame_table import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
-from gse.station.results import AnswerCheck, SkyCondition, Status
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
 from gse.station.sky_condition import FEWEST_EXPECTED, FEWEST_OBJECTS, SUN_LIMIT_DEG
-from gse.statistics.decision import Outcome, Row
 from gse.truth.solar_system import sun_altitude_deg
 
 FADED_MAG = 1.0
@@ -41,17 +39,6 @@ def no_sky(frames: Columns, site: Site) -> tuple[Exclusion, ...]:
     if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock
         frames = InOrder(frames, np.argsort(frames["utc_ns"], kind="stable"))
     return tuple(_explained(frames, site))
-
-
-def under_cloud(row: Row, frames: Columns) -> Row:
-    """An availability that fails under a sky of which most frames (rows of FRAME) show a cloud: INCONCLUSIVE."""
-    clouded = int((frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLOUDED)).sum())
-    if row.name != "availability" or row.outcome is not Outcome.FAIL or 2 * clouded <= len(frames):
-        return row
-    reason = (
-        f"{row.reason}: the sky was clouded, or the sensor sees too few stars, in {clouded} of {len(frames)} frames"
-    )
-    return replace(row, outcome=Outcome.INCONCLUSIVE, reason=reason)
 
 
 def _explained(frames: Columns, site: Site) -> Iterator[Exclusion]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, session
 
-from gse.assessment.uncounted import _answers_not_compared, missing_by_time, uncounted
+from gse.assessment.obstacles import _answers_not_compared, missing_by_time, obstacles
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion
@@ -116,8 +116,13 @@ def night(missing=6, *, lost=0):
     return made
 
 
+def uncounted(made):
+    found = obstacles(made, statistics(made), ())
+    return [line for line in found if line.startswith("by time") or "belong to no panorama" in line]
+
+
 def lines(made):
-    return [line.split(" frames")[0] for line in uncounted(made, statistics(made))]
+    return [line.split(" frames")[0] for line in uncounted(made)]
 
 
 @pytest.mark.parametrize(
@@ -176,7 +181,7 @@ def with_answers(others, *, lost=0):
 def test_more_answers_than_may_be_false_must_have_a_panorama_but_for_those_lost_on_the_way(others, lost, count):
     """One in a hundred may be false."""
     made = with_answers(others, lost=lost)
-    told = [line for line in uncounted(made, statistics(made)) if line.startswith("sensor")]
+    told = [line for line in uncounted(made) if line.startswith("sensor")]
     assert [line.split(" belong")[0] for line in told] == [f"sensor: {count} of its answers"] * (count > 0)
 
 
@@ -204,9 +209,7 @@ def test_answers_to_nothing_count_among_those_that_were_compared_and_themselves(
 def test_answers_alone_are_the_subject_and_answers_to_nothing_are_not_compared():
     alone = with_answers(50)
     alone.subject = Subject.SENSOR
-    assert not [line for line in uncounted(alone, statistics(alone)) if line.startswith("sensor")]
+    assert not [line for line in uncounted(alone) if line.startswith("sensor")]
     without = session(20)
     without.sensor_attitudes.append(START_NS, AttitudeMessage(10**9, 10.0, 20.0, 30.0, 0, 12, "acquired"))
-    assert [line.split(" belong")[0] for line in uncounted(without, statistics(without))] == [
-        "sensor: 1 of its answers"
-    ]
+    assert [line.split(" belong")[0] for line in uncounted(without)] == ["sensor: 1 of its answers"]

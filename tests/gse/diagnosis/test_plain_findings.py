@@ -7,7 +7,6 @@ import pytest
 from skies.known_nights import START_NS, STATION, session
 
 from drivers.chunk import LinkEvent, LinkKind
-from gse.diagnosis.low_field import air_in_field
 from gse.diagnosis.plain_findings import (
     event_findings,
     faulty_panoramas,
@@ -20,6 +19,7 @@ from gse.mount import Mount
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
+from gse.statistics.low_field import air_in_field
 from gse.statistics.session_statistics import statistics
 
 

@@ -8,21 +8,23 @@ from skies.known_nights import START_NS, STATION, session, unanswered
 from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
+from gse.assessment.requirements import requirement_of
 from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.session_gross_cause import gross_finding
-from gse.diagnosis.set_up_mistake import _keeps, excused, lost_station, set_up_mistake
+from gse.diagnosis.set_up_mistake import _keeps, lost_station, mistake_of, set_up_mistake
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
-from gse.statistics.decision import Outcome, Row
+from gse.statistics.decision import Outcome, Row, share_of
+from gse.statistics.excuses import Evidence, excused
 
 ROLL_STATED = {"mount": replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)}
 
 
-def mistake_of(made, *causes):
+def mistake_in(made, *causes):
     counted = counted_frames(made)
     gross = gross_finding(made, counted)
     found = (*(Finding(cause, "") for cause in causes), *((gross,) if gross else ()))
@@ -48,7 +50,7 @@ def blind(*kinds):
     ],
 )
 def test_a_camera_stated_wrongly_is_one_where_nothing_was_identified(cause, kinds, is_mistake):
-    found = mistake_of(blind(*kinds), cause)
+    found = mistake_in(blind(*kinds), cause)
     assert (found is not None and found.cause == cause) == is_mistake
 
 
@@ -59,13 +61,13 @@ def test_without_a_star_for_the_reference_identifier_either_nothing_tells_sky_an
     made = blind()
     made.frames.columns["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
     made.frames.columns["answer_check"][3] = ANSWER_CHECKS.index(check)
-    assert (mistake_of(made, "nothing identified") is not None) == is_mistake
+    assert (mistake_in(made, "nothing identified") is not None) == is_mistake
 
 
 def test_a_camera_under_which_one_panorama_was_identified_is_none():
     made = session(1)
     made.events = [LinkEvent(START_NS, 0, "MIRRORED", "")]
-    assert mistake_of(made, "mirrored image") is None
+    assert mistake_in(made, "mirrored image") is None
 
 
 @pytest.mark.parametrize(("limit_arcsec", "is_mistake"), [(60.0, True), (1e-6, False)])
@@ -73,11 +75,11 @@ def test_a_gross_mistake_must_leave_errors_that_keep_the_limits(limit_arcsec, is
     made = session(40)
     limits = replace(STATION.limits, d_ra_cosde_arcsec=limit_arcsec, d_de_arcsec=limit_arcsec)
     made.station = STATION.model_copy(update={**ROLL_STATED, "limits": limits})
-    assert (mistake_of(made) is not None) == is_mistake
+    assert (mistake_in(made) is not None) == is_mistake
 
 
 def test_a_session_without_a_gross_mistake_has_none():
-    assert mistake_of(session(40), "mount", "clock offset") is None
+    assert mistake_in(session(40), "mount", "clock offset") is None
 
 
 @pytest.mark.parametrize(
@@ -108,6 +110,11 @@ def row(name, unit, outcome=Outcome.FAIL, subject=Subject.ONBOARD):
     return Row(subject, name, 1.0, unit, 0.5, outcome, "it is too much")
 
 
+def excused_by(cause, judged):
+    evidence = Evidence(session(1), {subject: share_of(0, 1) for subject in Subject}, mistake_of(Finding(cause, "")))
+    return excused(judged, requirement_of(judged).claim, evidence)
+
+
 @pytest.mark.parametrize(
     ("cause", "judged", "is_excused"),
     [
@@ -127,7 +134,7 @@ def row(name, unit, outcome=Outcome.FAIL, subject=Subject.ONBOARD):
     ],
 )
 def test_a_row_is_excused_where_the_mistake_made_it_fail(cause, judged, is_excused):
-    found = excused(judged, Finding(cause, ""))
+    found = excused_by(cause, judged)
     assert found.outcome is (Outcome.INCONCLUSIVE if is_excused else judged.outcome)
     assert found.reason == (f"it is too much: by the set-up ({cause})" if is_excused else "it is too much")
 
@@ -211,4 +218,4 @@ def test_a_session_that_lost_its_station_file_says_so():
     ],
 )
 def test_a_lost_station_file_excuses_every_row_and_a_camera_those_of_the_identifier(cause, judged, is_excused):
-    assert (excused(judged, Finding(cause, "")).outcome is Outcome.INCONCLUSIVE) is is_excused
+    assert (excused_by(cause, judged).outcome is Outcome.INCONCLUSIVE) is is_excused

@@ -1,6 +1,7 @@
 """Stretches without a sky, on frames made by hand: which have a reason, and which are the sensor's."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from gse.instant import NS_PER_S, from_text
 from gse.station.exclusions import Cause
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
-from gse.statistics.decision import Outcome, Row
-from gse.statistics.no_sky import no_sky, under_cloud
+from gse.statistics.decision import Claim, Outcome, Row
+from gse.statistics.excuses import CLOUD, Evidence
+from gse.statistics.no_sky import no_sky
 from gse.truth.solar_system import sun_altitude_deg
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -144,16 +146,22 @@ def test_frames_out_of_order_are_the_same_night():
     assert no_sky(made[::-1], STATION.site) == no_sky(made, STATION.site)
 
 
+def under_cloud(row, claim, frames):
+    session = SimpleNamespace(frames=SimpleNamespace(columns=frames))
+    return CLOUD.applied_to(row, claim, Evidence(session, {}))
+
+
 @pytest.mark.parametrize(("clouded", "excused"), [(601, True), (600, False)])
 def test_only_an_availability_that_fails_under_a_sky_mostly_clouded_is_undecided(clouded, excused):
     made = frames()
     made["sky_condition"][:clouded] = SKY_CONDITIONS.index(SkyCondition.CLOUDED)
     row = Row(Subject.ONBOARD, "availability", 0.5, "", 0.95, Outcome.FAIL, "onboard availability: 50 %")
-    judged = under_cloud(row, made)
+    judged = under_cloud(row, Claim.ABSENCE, made)
     assert judged.outcome is (Outcome.INCONCLUSIVE if excused else Outcome.FAIL)
     assert (f"the sky was clouded, or the sensor sees too few stars, in {clouded} of 1200" in judged.reason) == excused
-    for other in (replace(row, name="false answers"), replace(row, outcome=Outcome.PASS)):
-        assert under_cloud(other, made) is other
+    assert under_cloud(row, Claim.FALSEHOOD, made) is row
+    passed = replace(row, outcome=Outcome.PASS)
+    assert under_cloud(passed, Claim.ABSENCE, made) is passed
 
 
 def few(seconds, blind=(), **values):
@@ -399,11 +407,3 @@ def test_the_same_instant_twice_is_no_order():
     """A step of the clock turns the order, a pause of it does not."""
     made = few([*np.arange(40.0), *np.repeat(40.0 + np.arange(11.0), 2), 60.0], range(40, 62), objects=0)
     assert stretches_s(made) == [(40.0, 50.0)]
-
-
-@pytest.mark.parametrize(("outcome", "name"), [(Outcome.FAIL, "false answers"), (Outcome.PASS, "availability")])
-def test_a_cloud_excuses_no_other_row(outcome, name):
-    made = few(np.arange(10.0))
-    made["sky_condition"] = SKY_CONDITIONS.index(SkyCondition.CLOUDED)
-    row = Row(Subject.ONBOARD, name, 0.5, "", 0.95, outcome, "as it is")
-    assert under_cloud(row, made) is row

@@ -8,13 +8,13 @@ from devices.injected_clocks import InjectedClocks, Sky
 from skies.known_nights import START_NS, session
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
-from gse.assessment.not_run import lost_while_not_run, under_stop
 from gse.assessment.verdict import judge
 from gse.instant import NS_PER_S
 from gse.station.loop import StationLoop
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
-from gse.statistics.decision import Outcome, Row
+from gse.statistics.decision import Claim, Outcome, Row
+from gse.statistics.excuses import STOP, Evidence, lost_while_not_run
 from gse.statistics.session_statistics import statistics
 
 HELD = 5
@@ -107,33 +107,40 @@ def test_tags_that_stand_still_and_a_single_frame_tell_no_loss():
     assert lost_while_not_run(one) == 0
 
 
+def after_stop(row, made, claim=Claim.ABSENCE):
+    available = {subject: of.available for subject, of in statistics(made).subjects.items()}
+    return STOP.applied_to(row, claim, Evidence(made, available))
+
+
 @pytest.mark.parametrize(("limit", "is_excused"), [(1.0, True), (1.001, False)])
 def test_an_availability_that_would_keep_its_limit_without_the_stop_is_undecided(limit, is_excused):
     """Forty of forty-four came, four were lost in the stop."""
     made = interrupted(lost=4)
-    stats = statistics(made)
     row = Row(Subject.ONBOARD, "availability", 0.9, "", limit, Outcome.FAIL, "too few")
-    judged = under_stop(row, made, stats)
+    judged = after_stop(row, made)
     assert judged.outcome is (Outcome.INCONCLUSIVE if is_excused else Outcome.FAIL)
     assert judged.reason == "too few" + ": 4 were lost while this computer did not run the station" * is_excused
     made.events.clear()
-    assert under_stop(row, made, stats) is row
+    assert after_stop(row, made) is row
 
 
 def test_one_frame_that_was_lost_in_a_stop_is_excused_too():
     """Forty of forty-one came."""
     made = interrupted(gap_s=2.0, lost=1)
     row = Row(Subject.ONBOARD, "availability", 40 / 41, "", 1.0, Outcome.FAIL, "too few")
-    judged = under_stop(row, made, statistics(made))
+    judged = after_stop(row, made)
     assert judged.outcome is Outcome.INCONCLUSIVE
     assert judged.reason == "too few: 1 were lost while this computer did not run the station"
 
 
-@pytest.mark.parametrize(("name", "outcome"), [("false answers", Outcome.FAIL), ("availability", Outcome.PASS)])
-def test_a_stop_excuses_no_other_row(name, outcome):
+@pytest.mark.parametrize(
+    ("claim", "outcome"),
+    [(Claim.FALSEHOOD, Outcome.FAIL), (Claim.ACCURACY, Outcome.FAIL), (Claim.ABSENCE, Outcome.PASS)],
+)
+def test_a_stop_excuses_no_other_row(claim, outcome):
     made = interrupted(lost=4)
-    row = Row(Subject.ONBOARD, name, 0.9, "", 1.0, outcome, "so")
-    assert under_stop(row, made, statistics(made)) is row
+    row = Row(Subject.ONBOARD, "a row", 0.9, "", 1.0, outcome, "so")
+    assert after_stop(row, made, claim) is row
 
 
 def test_a_frame_that_comes_early_makes_up_for_none_that_was_lost_after_a_stop():

@@ -3,19 +3,14 @@
 In orbit there is none: an identifier that fails for it on the ground has not failed.
 """
 
-from dataclasses import replace
-
 from gse.constants import ARCSEC_PER_RAD
-from gse.finding import Finding
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.own_answers import OwnAnswerTruth, field_of
-from gse.station.results import AnswerCheck, Status, Subject
+from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
-from gse.statistics.decision import Outcome, Row
 from gse.statistics.middle_instant import middle_instant_ns
 from gse.truth import truth_of
 
-VIBRATION = "vibration"
 _OF_TOLERANCE = 0.5
 """Root mean square over the field: the distance of two stars is then off by up to three times as much."""
 
@@ -36,29 +31,9 @@ def air_in_field(session: SessionData) -> str:
     return f"air parts the stars of this low field by {arcsec:.0f} arcsec ({px:.1f} px, rms)"
 
 
-def without_shaking(found: tuple[Finding, ...], session: SessionData) -> tuple[Finding, ...]:
-    """Findings without a vibration where air parts the stars.
-
-    An identifier then names those whose errors make up for the air, so that they scatter by less than all do.
-    """
-    if any(finding.cause == VIBRATION for finding in found) and air_in_field(session):
-        return tuple(finding for finding in found if finding.cause != VIBRATION)
-    return found
-
-
 def only_reference_answers(session: SessionData) -> bool:
     """Whether only the reference identifier names the stars of most frames, and the one under test does not fail."""
     frames = session.frames.columns
     failed = frames["status"] == STATUSES.index(Status.IDENTIFIER_FAULT)
     absent = (frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)) & ~failed
     return bool(2 * absent.sum() > len(frames))
-
-
-def under_air(row: Row, session: SessionData) -> Row:
-    """An availability that fails where air parts the stars, and only the reference identifier answers: INCONCLUSIVE."""
-    if (row.name, row.subject, row.outcome) != ("availability", Subject.ONBOARD, Outcome.FAIL):
-        return row
-    air = air_in_field(session) if only_reference_answers(session) else ""
-    if not air:
-        return row
-    return replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{row.reason}: {air}, which the identifier does not know")

@@ -11,11 +11,13 @@ from gse.axis import D_DE
 from gse.budget.truth_budget import session_facts, truth_budget
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.diagnosis.low_field import air_in_field, under_air, without_shaking
+from gse.diagnosis.vibration import without_shaking
 from gse.finding import Finding
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
-from gse.statistics.decision import Outcome, Row
+from gse.statistics.decision import Claim, Outcome, Row
+from gse.statistics.excuses import AIR, Evidence
+from gse.statistics.low_field import air_in_field
 from gse.statistics.sensor_answers import by_other_stars_arcsec
 from protocols import AttitudeMessage
 
@@ -34,22 +36,22 @@ def night(altitude_deg, answered=4):
 
 
 def test_an_identifier_without_air_does_not_fail_for_it():
-    row = under_air(FAILED, night(16.0))
+    row = AIR.applied_to(FAILED, Claim.ABSENCE, Evidence(night(16.0), {}))
     assert row.outcome is Outcome.INCONCLUSIVE
     assert "4 of 40 frames: air parts the stars of this low field by 5" in row.reason
 
 
 @pytest.mark.parametrize(
-    ("altitude_deg", "answered", "row"),
+    ("altitude_deg", "answered", "row", "claim"),
     [
-        (50.0, 4, FAILED),
-        (16.0, 24, FAILED),
-        (16.0, 4, replace(FAILED, name="false answers")),
-        (16.0, 4, replace(FAILED, subject=Subject.SENSOR)),
+        (50.0, 4, FAILED, Claim.ABSENCE),
+        (16.0, 24, FAILED, Claim.ABSENCE),
+        (16.0, 4, FAILED, Claim.FALSEHOOD),
+        (16.0, 4, replace(FAILED, subject=Subject.SENSOR), Claim.ABSENCE),
     ],
 )
-def test_nothing_else_is_excused(altitude_deg, answered, row):
-    assert under_air(row, night(altitude_deg, answered)) is row
+def test_nothing_else_is_excused(altitude_deg, answered, row, claim):
+    assert AIR.applied_to(row, claim, Evidence(night(altitude_deg, answered), {})) is row
 
 
 def test_no_vibration_is_told_where_air_chooses_the_stars():

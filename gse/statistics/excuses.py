@@ -1,0 +1,215 @@
+"""What may excuse a sensor, and from what: the one table.
+
+LEFT_OUT are stretches whose frames do not count, found before anything is judged. EXCUSES turn a row that FAILs into
+INCONCLUSIVE: the first one that sees its reason adds it in words. Each entry names what it may excuse, by what a FAIL
+claims of the sensor (Claim); all else it never touches, and no entry makes a row PASS. No stretch excuses FALSEHOOD: a
+star is identified without knowing the time, so an answer of other stars is wrong whenever it came.
+
+What only stands in the way of PASS, though no row fails, is in gse.assessment.obstacles. A finding that is none of
+these excuses nothing.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from drivers.chunk import LinkKind
+from gse.instant import NS_PER_S
+from gse.station.exclusions import Cause, Exclusion, exclusions
+from gse.station.frame_table import SKY_CONDITIONS
+from gse.station.results import SkyCondition, Subject
+from gse.station.session_data import SessionData
+from gse.statistics.decision import Claim, Outcome, Row, Share
+from gse.statistics.low_field import air_in_field, only_reference_answers
+from gse.statistics.no_sky import no_sky
+
+_FOUND_WITHIN_NS = 5 * NS_PER_S
+"""After a stop come first the frames that the port held, then those that follow the loss."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A cause for which stretches are left out, how they are found, and what they excuse."""
+
+    cause: Cause
+    seen_by: Callable[[SessionData], Iterable[Exclusion]]
+    excuses: tuple[Claim, ...]
+    says: str
+
+
+class Mistaken(StrEnum):
+    """Of what a mistake of the set-up is."""
+
+    STATION_FILE = "station file"
+    CAMERA = "camera"
+    PLACE = "place"
+    """Site, mount, clock or air: where the stars that were named should stand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """A mistake of the set-up that explains what a session shows (gse.diagnosis.set_up_mistake), by its head word."""
+
+    of: Mistaken
+    cause: str
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What an excuse is looked for in: the session, the availability of each subject, and a mistake of the set-up."""
+
+    session: SessionData
+    available: Mapping[Subject, Share]
+    mistake: Mistake | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Excuse:
+    """A reason why a FAIL is no fault of a sensor: ``seen`` gives it in words, or nothing where it is not there."""
+
+    name: str
+    seen: Callable[[Evidence, Row], str]
+    excuses: tuple[Claim, ...]
+    says: str
+    subjects: tuple[Subject, ...] = tuple(Subject)
+
+    def applied_to(self, row: Row, claim: Claim, evidence: Evidence) -> Row:
+        """A row that fails for it: INCONCLUSIVE; any other as it is."""
+        if row.outcome is not Outcome.FAIL or claim not in self.excuses or row.subject not in self.subjects:
+            return row
+        reason = self.seen(evidence, row)
+        return replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{row.reason}: {reason}") if reason else row
+
+
+# How they are seen
+
+
+def _clock_and_link(session: SessionData) -> Iterable[Exclusion]:
+    return exclusions(session.events, session.frames.columns)
+
+
+def _without_sky(session: SessionData) -> Iterable[Exclusion]:
+    """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky.
+
+    Before a star simulator there is no sky to fail.
+    """
+    if session.station.mount.inertial is not None:
+        return ()
+    found = no_sky(session.frames.columns, session.station.site)
+    if session.subject is Subject.ONBOARD:
+        return found
+    return tuple(item for item in found if item.cause is not Cause.NO_OBJECTS)
+
+
+def _stated(session: SessionData) -> Iterable[Exclusion]:
+    return session.excluded
+
+
+def _mistake_of(mistaken: Mistaken) -> Callable[[Evidence, Row], str]:
+    def seen(evidence: Evidence, row: Row) -> str:
+        mistake = evidence.mistake
+        return f"by the set-up ({mistake.cause})" if mistake is not None and mistake.of is mistaken else ""
+
+    return seen
+
+
+def _clouded(evidence: Evidence, row: Row) -> str:
+    frames = evidence.session.frames.columns
+    clouded = int((frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLOUDED)).sum())
+    if 2 * clouded <= len(frames):
+        return ""
+    return f"the sky was clouded, or the sensor sees too few stars, in {clouded} of {len(frames)} frames"
+
+
+def _air(evidence: Evidence, row: Row) -> str:
+    air = air_in_field(evidence.session) if only_reference_answers(evidence.session) else ""
+    return f"{air}, which the identifier does not know" if air else ""
+
+
+def _stopped(evidence: Evidence, row: Row) -> str:
+    lost, available = lost_while_not_run(evidence.session), evidence.available[row.subject]
+    if lost == 0 or available.count < row.limit * (available.of - lost):
+        return ""
+    return f"{lost} were lost while this computer did not run the station"
+
+
+def lost_while_not_run(session: SessionData) -> int:
+    """How many panoramas are missing right after the events NOT_RUN: by time tags, and at most those that are lost."""
+    frames = session.frames.columns
+    resumed_ns = np.sort([event.utc_ns for event in session.events if event.kind == LinkKind.NOT_RUN])
+    if len(resumed_ns) == 0 or len(frames) < 2:
+        return 0
+    latest = np.searchsorted(resumed_ns, frames["host_utc_ns"][1:], side="right") - 1
+    after_ns = frames["host_utc_ns"][1:] - resumed_ns[latest]
+    gaps_us = np.diff(frames["time_us"].astype(np.float64))
+    usual_us = float(np.median(gaps_us))
+    if usual_us <= 0:
+        return 0
+    missing = np.maximum(np.rint(gaps_us / usual_us) - 1, 0)
+    found = missing[(latest >= 0) & (after_ns < _FOUND_WITHIN_NS)].sum()
+    return min(int(found), session.panoramas_lost)
+
+
+# The table
+
+_ACCURACY = (Claim.ACCURACY,)
+_ANY = (Claim.ACCURACY, Claim.ABSENCE)
+
+LEFT_OUT = (
+    LeftOut(Cause.CLOCK_STEP, _clock_and_link, _ACCURACY, "the host's clock was set, so that its time is not known"),
+    LeftOut(Cause.BACKLOG, _clock_and_link, _ACCURACY, "it waited in a buffer, so that its time is not known"),
+    LeftOut(Cause.NO_SKY, _without_sky, _ANY, "daylight, or cloud that other frames show too"),
+    LeftOut(Cause.NO_OBJECTS, _without_sky, _ANY, "its panoramas are empty: a cap, a cover, an overcast sky"),
+    LeftOut(Cause.OPERATOR, _stated, _ANY, "left out by the operator, who says why"),
+)
+
+LOST_STATION = Excuse(
+    "station file",
+    _mistake_of(Mistaken.STATION_FILE),
+    tuple(Claim),
+    "the session has lost its station file, so that its own limits are not known",
+)
+CAMERA = Excuse(
+    "camera",
+    _mistake_of(Mistaken.CAMERA),
+    (Claim.ACCURACY, Claim.ABSENCE, Claim.FALSEHOOD),
+    "the camera of the station file is another one: what the sensor answers itself, it does without that camera",
+    subjects=(Subject.ONBOARD,),
+)
+PLACE = Excuse(
+    "set-up",
+    _mistake_of(Mistaken.PLACE),
+    _ACCURACY,
+    "site, mount, clock or air are wrong by what explains all of the errors: the right stars were named all the same",
+)
+CLOUD = Excuse("cloud", _clouded, (Claim.ABSENCE,), "most frames show a clouded sky")
+AIR = Excuse(
+    "air in a low field",
+    _air,
+    (Claim.ABSENCE,),
+    "air parts the stars by more than an identifier allows that knows none, as in orbit, and the reference answers",
+    subjects=(Subject.ONBOARD,),
+)
+STOP = Excuse("stop", _stopped, (Claim.ABSENCE,), "the frames were lost while this computer did not run the station")
+
+EXCUSES = (LOST_STATION, CAMERA, PLACE, CLOUD, AIR, STOP)
+
+
+def left_out(session: SessionData) -> tuple[Exclusion, ...]:
+    """All stretches of a session that are left out."""
+    return tuple(item for seen_by in dict.fromkeys(entry.seen_by for entry in LEFT_OUT) for item in seen_by(session))
+
+
+def excusing(claim: Claim, stretches: Iterable[Exclusion]) -> list[Exclusion]:
+    """Those of the stretches that excuse what a FAIL would claim."""
+    causes = {entry.cause for entry in LEFT_OUT if claim in entry.excuses}
+    return [item for item in stretches if item.cause in causes]
+
+
+def excused(row: Row, claim: Claim, evidence: Evidence) -> Row:
+    """A row that fails for what may excuse it: INCONCLUSIVE, with the reason; any other as it is."""
+    for excuse in EXCUSES:
+        row = excuse.applied_to(row, claim, evidence)
+    return row
