@@ -175,7 +175,7 @@ CAMERA = Excuse(
     "camera",
     _mistake_of(Mistaken.CAMERA),
     (Claim.ACCURACY, Claim.ABSENCE, Claim.FALSEHOOD),
-    "the camera of the station file is another one: what the sensor answers itself, it does without that camera",
+    "the camera of the station file is another one, or nothing at all was identified; own answers need neither",
     subjects=(Subject.ONBOARD,),
 )
 PLACE = Excuse(
