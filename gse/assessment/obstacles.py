@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from gse.assessment.requirements import REQUIREMENTS
 from gse.constants import ARCSEC_PER_RAD
-from gse.matrices import length
 from gse.instant import NS_PER_S
+from gse.matrices import length
 from gse.mount import Mount, MountUncertainty
 from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.exclusions import Cause, excluded

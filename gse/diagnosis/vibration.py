@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import FieldOfErrors
-from gse.matrices import lstsq, product
 from gse.finding import Finding
+from gse.matrices import lstsq, product
 from gse.star_influence import boresight_shifts
 from gse.station.session_data import SessionData
 from gse.statistics.low_field import air_in_field
