@@ -29,6 +29,8 @@ def davenport(
 
     False, and nothing put, where something is not finite.
     """
+    # The attitude profile matrix B = sum w_i b_i r_i^T: all that Wahba's problem needs of the stars is in these nine
+    # sums.
     b = np.zeros((3, 3))
     total = 0.0
     for i in range(len(measured)):
@@ -38,6 +40,11 @@ def davenport(
                 b[j, k] += weights[i] * measured[i, j] * stars[i, k]
     if not (total > 0.0 and total < np.inf):
         return False
+    # Davenport's K: a quadratic form in the quaternion whose value is the gain to maximise. Divided by the sum of
+    # weights its greatest eigenvalue is near 1, whatever the weights, so that one threshold serves for convergence.
+    #
+    #     K = [ B + B^T - 1 tr B    z    ]      z = (B12 - B21, B20 - B02, B01 - B10)
+    #         [        z^T         tr B  ]
     k4 = np.empty((4, 4))
     trace = (b[0, 0] + b[1, 1] + b[2, 2]) / total
     for j in range(3):
@@ -54,6 +61,8 @@ def davenport(
         for k in range(4):
             if not np.isfinite(k4[j, k]):
                 return False
+    # The best quaternion is the eigenvector of the greatest eigenvalue, which stands on the diagonal after Jacobi's
+    # turns.
     vectors = np.eye(4)
     _jacobi(k4, vectors)
     best = 0
@@ -83,6 +92,7 @@ def _jacobi(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> None:
 @compiled_part
 def _jacobi_rotation(matrix: NDArray[np.float64], vectors: NDArray[np.float64], p: int, q: int) -> None:
     """One rotation in the plane of p and q that makes matrix[p, q] zero (Golub & Van Loan, section 8.5)."""
+    # Of the two angles that make the element zero the smaller one is taken: it disturbs what is diagonal already least.
     theta = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
     t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
     if theta < 0.0:
@@ -123,6 +133,9 @@ def attitude_covariance(
     The inverse of the Fisher information sum w_i (1 - b_i b_i^T), which Wahba's solution reaches. False where the
     directions (N, 3) lie on one line, and then one angle is not known at all.
     """
+    # A star tells nothing of a turn about itself: hence 1 - b b^T, the plane across it. Stars of a small field all
+    # leave nearly the same turn open, the roll, which is why roll is 1 / (width of the field) times worse than the
+    # others.
     f = np.zeros((3, 3))
     total = 0.0
     for i in range(len(measured)):
@@ -133,6 +146,7 @@ def attitude_covariance(
     for j in range(3):
         f[j, j] += total
     for j in range(3):
+        # Inverse by cofactors: indices that go round give each cofactor its sign.
         j1, j2 = (j + 1) % 3, (j + 2) % 3
         for k in range(3):
             k1, k2 = (k + 1) % 3, (k + 2) % 3

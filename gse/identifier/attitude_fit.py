@@ -13,6 +13,9 @@ from gse.process.jit import compiled_part
 @compiled_part
 def fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> None:
     """One Gauss-Newton step of rotation and scale on the matched objects, and the new covariance."""
+    # Least squares for four unknowns, a small turn (x, y, z) and the scale s. A turn moves a place (u, v) on the
+    # tangent plane by du = y (1 + u^2) - x u v - z v + s u, dv = -x (1 + v^2) + y u v + z u + s v: the rows ``slope_u``
+    # and ``slope_v``. Normal equations are safe here, since places are of order one and the noise is not.
     information, pull, step = np.empty((4, 4)), np.empty(4), np.empty(4)
     scale, covariance = attempt.scale[0], attempt.covariance
     for j in range(4):
@@ -31,6 +34,7 @@ def fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> 
             pull[j] += weight * (slope_u[j] * du + slope_v[j] * dv)
             for k in range(j + 1):
                 information[j, k] += weight * (slope_u[j] * slope_u[k] + slope_v[j] * slope_v[k])
+    # A camera's focal length is known beforehand: that is one more measurement, of the scale, with its own sigma.
     prior = 1.0 / (noise.scale_sigma * noise.scale_sigma)
     information[3, 3] += prior
     pull[3] -= prior * (scale - 1.0)
@@ -76,6 +80,8 @@ def _invert(lower: NDArray[np.float64], inverse: NDArray[np.float64]) -> None:
 @compiled_part
 def _turn(rotation: NDArray[np.float64], x: float, y: float, z: float) -> None:
     """Turn the sensor's side of ``rotation`` by a small rotation vector, exactly orthogonal (Cayley's form)."""
+    # (1 - S/2)^-1 (1 + S/2) with S the cross product matrix is a rotation to the last digit whatever the step, so that
+    # many steps leave no shear; to first order it is 1 + S.
     a, b, c = 0.5 * x, 0.5 * y, 0.5 * z
     norm = 1.0 / (1.0 + a * a + b * b + c * c)
     r00, r11, r22 = 1 + a * a - b * b - c * c, 1 - a * a + b * b - c * c, 1 - a * a - b * b + c * c

@@ -89,10 +89,14 @@ class Window(NamedTuple):
 @compiled_part
 def window(cosine: float, sine: float, tolerance_urad: float) -> Window:
     """The window of two objects with this cosine and sine of the angle between them."""
+    # cos(d + t) and cos(d - t) by the sum formula, with cos t = 1 - t^2 / 2 and sin t = t: three multiplications for a
+    # pair of objects, and then a pair of stars needs no angle, only its dot product. The margin covers what the series
+    # leaves out and the rounding of the paper's table to whole microradians.
     t = 1e-6 * tolerance_urad
     far = cosine * (1.0 - 0.5 * t * t) - sine * t
     near = cosine * (1.0 - 0.5 * t * t) + sine * t
     margin = _ROUNDING_RAD * (sine + t) + t * t * t + 1e-12
+    # Objects closer than two tolerances: the cosine is flat there and separates nothing, so whole microradians decide.
     if sine > 2.0 * t:
         return Window(far - margin, far + margin, near - margin, near + margin)
     return Window(far - margin, np.inf, np.inf, np.inf)
@@ -180,6 +184,8 @@ def pigeonhole_bound(
     hand agree, there is no such group. A candidate of chance mostly ends here, after a tenth of its pairs. No branch
     on a pair, which no processor would predict.
     """
+    # With fewest = 4, three hands: candidates 0, 3, 6 .. in the first, 1, 4, 7 .. in the second, 2, 5, 8 .. in the
+    # third. Two of a hand are a multiple of three apart, so ``apart`` runs over 3, 6, 9 ..
     hands, some = np.uint64(max(fewest - 1, 1)), False
     for apart in range(hands, np.uint64(count), hands):
         for i in range(apart, np.uint64(count)):
@@ -200,6 +206,8 @@ def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
     first, the group grows by the one that keeps most others in play, the first of equals. Candidates that cannot be
     in a group larger than the largest so far are dropped.
     """
+    # The largest clique of a graph with at most 64 nodes, by greed: to be exact would take a search without a bound,
+    # and a true group stands out by far. Rows of bits make "agrees with all of these" one AND.
     best, size = _NONE, fewest - 1
     alive = _able(agrees, _all(len(agrees)), size + 1)
     untried = alive
@@ -228,6 +236,7 @@ def _all(count: int) -> np.uint64:
 @compiled_part
 def _able(agrees: NDArray[np.uint64], alive: np.uint64, fewest: int) -> np.uint64:
     """Those that can be in a group of ``fewest``: each agrees with enough others that can."""
+    # To drop one may leave another with too few, so again until nothing changes: the k-core of the graph.
     before = _NONE
     while alive != before:
         before = alive

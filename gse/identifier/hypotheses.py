@@ -103,6 +103,8 @@ def search(
     pair = np.full(n, -1)
     best, second, tried = -np.inf, -np.inf, 0
     best_hits, best_alpha = np.int64(0), np.int64(-1)
+    # Passes from the quick to the thorough: most panoramas end in the first, whose alpha stars see a few partners with
+    # a small noise; what is left costs more, and the last pass is for what hardly has enough stars.
     for line in range(len(plan)):
         step = search_pass(plan[line])
         if n > step.most_objects:
@@ -115,6 +117,8 @@ def search(
             alpha = (turn + passed_over) % n
             for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
                 hits, k, s, t = candidates[c, 0], candidates[c, 1], candidates[c, 2], candidates[c, 3]
+                # Once the evidence is strong the rest of the list is looked through only for a rival: same number of
+                # hits, another star.
                 if best > LOG_STRONG and (hits < best_hits - 1 or s == best_alpha):
                     continue  # Only another attitude that looks as good could make the answer ambiguous.
                 tried += 1
@@ -124,9 +128,11 @@ def search(
                 pair[alpha] = pair[k] = -1
                 if started < 2:
                     continue
+                # From the pair's attitude the match grows over the field, and evidence is weighed for all of it.
                 value = weigh(tables, objects, attempt, noise)
                 if value <= second:
                     continue
+                # The same attitude is found from many pairs: only another one is the second best.
                 same = _cos_between(rotation, best_rotation) > _SAME_ATTITUDE_COS
                 if value > best:
                     second = second if same else best

@@ -40,6 +40,8 @@ def blocks_of(table: PairTable) -> Blocks:
     begin = np.zeros((-(-stars // BLOCK), bins), np.uint64)
     urad, neighbour, member = np.empty(size, np.int32), np.empty(size, np.uint32), np.empty(size, np.uint8)
     entry_of = table.first[:-1:BLOCK].copy()
+    # The pairs come nearest first, so each block's list is filled in the order of distance: a counting sort by block,
+    # with no sort at all. ``begin`` first counts the entries of each bin of 256 microradians, then adds them up.
     for p in range(len(table.distance_urad)):
         for star, other in ((table.brighter[p], table.dimmer[p]), (table.dimmer[p], table.brighter[p])):
             block = star // BLOCK
@@ -89,6 +91,13 @@ def seen_from(alpha: int, angles: Separations, tolerance_urad: float, among: NDA
 
 @compiled_part
 def _stretches(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
+    # Objects at nearly the same distance have tolerances that overlap:
+    #
+    #     object 0   |--------|
+    #     object 1        |--------|
+    #     stretches  |-0--|0,1|-1--|     a distance in the middle fits both objects
+    #
+    # A sweep from the least distance up cuts where a tolerance begins (``last`` goes on) or ends (``first`` goes on).
     fitting = [_fitting(distance, tolerance_urad) for distance in distances]
     low, high, begin, end = np.empty((4, 2 * len(fitting)), np.int64)
     count = first = last = at = 0
@@ -151,6 +160,7 @@ def put_fits(block: int, alpha: Alpha, blocks: Blocks, fits: Fits) -> None:
         low, high = alpha.low[stretch], alpha.high[stretch]
         if low >> _BIN_BITS >= len(begin):
             break
+        # The bin brings within 256 microradians of the first entry that fits; a few steps do the rest.
         entry = begin[low >> _BIN_BITS]
         while entry < last and urad[entry] < low:
             entry += _ONE
@@ -158,6 +168,7 @@ def put_fits(block: int, alpha: Alpha, blocks: Blocks, fits: Fits) -> None:
         while entry < last and urad[entry] < high:
             member, star = np.uint64(member_of[entry]), neighbour_of[entry]
             count = counts[member]
+            # No branch on a star that has all its candidates already: what is too much overwrites the last place.
             candidates[member, np.uint64(min(count, MOST_CANDIDATES))] = one | star
             counts[member] = count + 1
             if others:
@@ -179,6 +190,7 @@ def _put_others(member: int, star: int, stretch: int, alpha: Alpha, fits: Fits) 
 def put_fits_of_star(star: int, alpha: Alpha, table: PairTable, fits: Fits) -> None:
     """Level 1 of one star, which takes the place of the first of a block."""
     fits.number[0] = fits.again[0] = 0
+    # A merge of two sorted lists: the star's neighbours and the stretches, both nearest first.
     stretch = 0
     for row in range(table.first[star], table.first[star + 1]):
         urad = table.neighbour_urad[row]

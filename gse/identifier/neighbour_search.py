@@ -97,6 +97,8 @@ def first_fit(
     order = _alpha_order(directions, limits.central_cosine)
     open_ = np.ones(len(directions), np.bool_)
     work = 0
+    # Figure 2-7: the first alpha star that has an answer gives it. One that has none may be a hot pixel, so the next is
+    # tried; proven to be in no group, it is not looked at again as a neighbour of the others.
     for rank in range(tried):
         alpha = order[rank]
         objects, stars, tie, proven, more = _of_alpha(alpha, open_, blocks, view, limits, _MOST_WORK - work)
@@ -130,6 +132,8 @@ def _of_alpha(
     # A group of other members needs no more of level 1, and has all its distances in the table.
     longest_urad = whole.distances[-1] + limits.tolerance_urad if len(whole.distances) else 0.0
     proven = limits.min_fit <= limits.min_fit_2 and longest_urad < _longest_urad(table)
+    # Stars of the catalogue one after the other: level 1 for a block of them at once, then level 2 for those few whose
+    # neighbours are enough. The first with a group is the answer, or with ``all_stars`` the one with the largest.
     star = -1 if len(seen.others) >= fewest else count
     while star < count and work <= most_work:
         after = star + 1
@@ -149,6 +153,7 @@ def _of_alpha(
         tie = len(objects) > 0 and bits(group) + 1 == len(objects)
         if not tie:
             objects, stars = _named(alpha, star, candidates, group)
+        # From now on only a group at least as large counts: as large is a tie, larger takes its place.
         fewest = len(objects) - 1
         if not limits.all_stars:
             break
@@ -199,6 +204,7 @@ def first_possible(member: int, end: int, fewest_fits: int, fewest: int, fits: F
         view.icrs,
         view.gates,
     )
+    # Two sieves, the cheap one first: enough neighbours at all (eq 2-5), then enough of them that can agree.
     able, number = np.empty(BLOCK, np.uint8), np.uint64(0)
     for k in range(np.uint64(member), np.uint64(end)):
         able[number] = k

@@ -71,6 +71,8 @@ def search(
     """
     count = len(objects.magnitude)
     outcome = NO_GROUP
+    # The pivot is the brightest object. Where it has no group it may be no star: the next brightest is pivot then, and
+    # those before it are left out of the pattern.
     for pivot in range(count - FEWEST_OBJECTS + 1):
         members = np.arange(pivot, min(pivot + gates.members, count))
         group = Group(members, np.full(len(members), -1))
@@ -89,6 +91,13 @@ def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates, cell
     table, size = sky.table, len(best.object)
     group = Group(best.object, best.star.copy())
     best_score, tie, groups = -1, False, 0
+    # The pattern of four: distances from the pivot (0) to its members, each found by bisection in a sorted list.
+    #
+    #          2                the pair 0-1 comes from the table of all pairs,
+    #         /                 2 and 3 from the neighbours of star 0;
+    #     0 --- 1               the three distances between 1, 2 and 3 then
+    #         \                 say how well the group concurs
+    #          3
     low, high = _window(table.distance_urad, group, 1, objects, gates)
     for pair in range(low, high):
         if not cells[sky.cell[table.brighter[pair]]]:
@@ -136,6 +145,9 @@ def _window(
 @compiled_part
 def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> int:
     """How well a group concurs; -1 where its pivot is not the brightest star, or too few mutual distances fit."""
+    # Stars are numbered brightest first, so "brighter" is "has the lower number". The paper uses no magnitudes here,
+    # only their order: the pivot must be the brightest, and members in the order of the objects count as a second
+    # merit.
     fits = ordered = 0
     for i in range(1, len(group.star)):
         if group.star[i] <= group.star[0]:
@@ -187,6 +199,7 @@ def _zero_point(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> 
 @compiled_part
 def _with_others(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> Group:
     """Step 2: the group, and after it the other objects, brightest first, that one star in the cells around fits."""
+    # Step 2 looks in the cells around the group only: a star elsewhere cannot be in the same image.
     cells = np.zeros(len(sky.around), np.bool_)
     for star in group.star:
         cells |= sky.around[sky.cell[star]]

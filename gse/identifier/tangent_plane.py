@@ -107,6 +107,7 @@ def objects_of(directions: NDArray[np.float64], brightness: NDArray[np.float64])
         uv[i, 0] = directions[i, 0] / directions[i, 2]
         uv[i, 1] = directions[i, 1] / directions[i, 2]
         magnitude[i] = -2.5 * math.log10(max(brightness[i], 1e-3))
+        # Sorted by insertion: quick for thirty objects, and there is no sort to compile.
         j = i
         while j > 0 and uv[order[j - 1], 0] > uv[i, 0]:
             order[j] = order[j - 1]
@@ -130,6 +131,8 @@ def attempt_at(tables: SkyTables, rotation: NDArray[np.float64], objects: int) -
     left, right, top, bottom, radius2, _ = tables.field
     margin = 0.01 * (right - left)
     left, right, top, bottom = left - margin, right + margin, top - margin, bottom + margin
+    # Each cell of the sky lists the stars that any boresight in it can see, brightest first: no search over the
+    # catalogue, and when the list is cut at the number of objects it is the faint end that goes.
     cell = _cell_of(tables, rotation)
     count = 0
     for k in range(tables.cell_start[cell], tables.cell_start[cell + 1]):

@@ -52,6 +52,8 @@ def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) 
         chi2[i] = GATE_CHI2
     low = uv[objects.order[0], 0]
     bins_per_u = U_BINS / max(uv[objects.order[n - 1], 0] - low, SMALLEST_RANGE)
+    # Where the attitude is still so uncertain that the gates of all objects would cover most of the field, a match
+    # means nothing: such a star is passed over until the fit knows more.
     widest = (_MAX_GATE_SHARE * tables.field[5] / (math.pi * GATE_CHI2 * n)) ** 2
     matched = 0
     for f in range(len(attempt.rows)):
@@ -60,6 +62,8 @@ def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) 
         suu, svv, suv = _place_covariance(attempt.covariance, u, v)
         suu, svv = suu + sigma * sigma, svv + sigma * sigma
         determinant = suu * svv - suv * suv
+        # The gate is an ellipse: noise of a place plus what the attitude leaves open there. Objects are sorted by u, so
+        # only those within its width in u are measured.
         reach = math.sqrt(GATE_CHI2 * suu)
         start = int((u - reach - low) * bins_per_u)
         if not determinant < widest or start >= U_BINS:
@@ -90,6 +94,7 @@ def grow(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) ->
     n = len(objects.uv)
     before = np.empty(n, dtype=np.int64)
     matched = 0
+    # As in an iterated closest point: a better attitude has smaller gates, finds more stars, and is better still.
     fit(tables, objects, attempt, noise)
     for _ in range(_MAX_ROUNDS):
         same = True

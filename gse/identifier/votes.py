@@ -65,6 +65,13 @@ def hypotheses_of(
     bright = min(len(directions), step.objects)
     faintest = min(tables.pair_stars, int(step.stars_per_object * bright))
     alpha_faintest = min(faintest, int(step.stars_per_object * (alpha + step.alpha_ranks)))
+    # A vote is cast in one turn about the alpha star. Object k stands at the distance d and the position angle a; a
+    # catalogue pair (s, t) of the length d stands at its own position angle b at s. If the alpha star is s, the roll of
+    # the image is b - a. All true partners give the same star s and the same roll; chance gives rolls at random.
+    #
+    #           k                t
+    #          / a              / b          roll = b - a
+    #     alpha ---        s ---
     distance, azimuth = np.empty(bright), np.empty(bright, dtype=np.int64)
     partners = np.empty(bright, dtype=np.int64)
     found = _partners(directions[:bright], alpha, 8.0 * step.window_rad, distance, azimuth, partners)
@@ -75,11 +82,13 @@ def hypotheses_of(
     votes[:faintest] = 0
     for p in range(min(found, step.partners)):
         k = partners[p]
+        # The wider apart, the more an error of the focal length moves them apart.
         half = step.window_rad + step.window_growth * distance[k]
         low = max(0, int((distance[k] - half) / tables.bucket_rad))
         high = int((distance[k] + half) / tables.bucket_rad) + 1
         if high >= len(tables.pair_start):
             break
+        # The roll of a pair is known to the noise over its length; the vote before came from the nearest partner.
         roll_error = step.window_rad * (1.0 / distance[k] + 1.0 / distance[partners[0]])
         tolerance = np.uint64(int(roll_error * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
         turn = np.uint64(azimuth[k])
@@ -91,6 +100,7 @@ def hypotheses_of(
                 for end in range(2):
                     s = np.uint64(pairs[q, end])
                     roll = ((np.uint64(pairs[q, 2 + end]) - turn) >> np.uint64(1)) & np.uint64(0x7FFF)
+                    # The new vote pushes the oldest of four out of the word.
                     given = votes[s]
                     votes[s] = (given << np.uint64(16)) | np.uint64(0x8000) | roll
                     if not _agrees(given, roll, tolerance) or s >= alpha_faintest:
@@ -119,6 +129,8 @@ def _agrees(votes: np.uint64, roll: np.uint64, tolerance: np.uint64) -> bool:
     All four are compared at once and without a branch, which no processor would predict; 15 bits with the 16th set
     before a difference keep each from borrowing from the next.
     """
+    # |given - roll| <= tolerance, modulo a turn, is 0 <= roll + tolerance - given <= 2 tolerance in unsigned
+    # arithmetic.
     difference = (((roll + tolerance) * _IN_EACH | _VOTED) - (votes & _ROLL)) & _ROLL
     near = (np.uint64(2) * tolerance * _IN_EACH | _VOTED) - difference
     return bool(near & votes & _VOTED)
@@ -188,6 +200,7 @@ def _partners(
 
     ``partners`` gets these, nearest first.
     """
+    # Two axes across the alpha star: position angles in the image are counted from the one towards the other.
     ax, ay, az = directions[alpha, 0], directions[alpha, 1], directions[alpha, 2]
     norm = 1.0 / math.sqrt(ax * ax + az * az)
     ex, ez = az * norm, -ax * norm
