@@ -90,6 +90,8 @@ def fit_mount(
     instants = np.asarray(utc_ns, dtype=np.int64)
     fitted = horizon_to_sensor_each[_most_central(horizon_to_sensor_each)]
     kept: NDArray[np.bool_] = np.ones(len(instants), dtype=bool)
+    # Begin at the frame nearest to most others, since a mean over a false answer may lie nowhere near any of them. Then
+    # in turn: leave out what is far from the median, and move to the mean of the rest, until neither changes.
     for _ in range(_ROUNDS):
         residual = small_rotations(horizon_to_sensor_each, fitted)
         middle = np.median(residual[kept], axis=0)
@@ -141,6 +143,8 @@ def time_blocks(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 def _covariance(utc_ns: NDArray[np.int64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of the mean of residuals (M, 3), with the variance of Student's t of so few means."""
     blocks = time_blocks(utc_ns)
+    # Frames within a few seconds show the same stars on the same pixels, so their scatter about each other tells little
+    # of the error of the mean; means of 20 s stretches tell it.
     means = np.array([residual[blocks == number].mean(axis=0) for number in np.unique(blocks)])
     freedom = len(means) - 1
     if freedom < 3:

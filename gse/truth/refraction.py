@@ -51,6 +51,7 @@ class Refraction:
 
     def added(self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """The directions (N, 3) in which light arrives: the inverse of ``removed``, above some 5 deg of altitude."""
+        # Fixed point: what ``removed`` takes too much or too little is added back, and once more.
         seen = directions_sensor
         for _ in range(_INVERSE_ROUNDS):
             seen = seen + (directions_sensor - self.removed(seen, zenith_sensor))
@@ -77,6 +78,12 @@ def _remove(
         up_x, up_y, up_z = zenith[i]
         cos_z = x * up_x + y * up_y + z * up_z
         held = max(cos_z, _MIN_COS_ZENITH)
+        # A direction d and the zenith up span a plane; refraction lifts the star in it by ``shift``, so we turn d back,
+        # away from up, by as much. In that plane the turned vector is
+        #
+        #     d cos(shift) + (d cos z - up) sin(shift) / sin z
+        #
+        # written so that nothing is divided by sin z, which is zero at the zenith.
         # tan z / sin z, the part of the formula that does not vanish at the zenith
         per_sine = (a_rad + b_rad * (1.0 / held**2 - 1.0)) / held
         shift = per_sine * math.sqrt(max(1.0 - cos_z**2, 0.0))

@@ -169,6 +169,8 @@ class SiderealTruth:
         distance_au = length(heliocentric["p"])
         moving = 0.0 if "annual aberration" in self.omit else AU_M / DAY_S / LIGHT_M_PER_S
         sin_0, cos_0 = math.sin(sidereal_rad), math.cos(sidereal_rad)
+        # The Earth's turn R3(angle + a), a the angle from the middle of the cell, split into what stays, what goes with
+        # cos a and what goes with sin a: three products a cell, and then a sum of three matrices for each instant.
         turned = np.array([[cos_0, sin_0, 0.0], [-sin_0, cos_0, 0.0], [0.0, 0.0, 0.0]])
         quarter_on = np.array([[-sin_0, cos_0, 0.0], [-cos_0, -sin_0, 0.0], [0.0, 0.0, 0.0]])
         return _Cell(
