@@ -8,6 +8,8 @@ process of somebody else, who may need his own, gse is not imported: the error n
 This module is imported before all others, so it imports little.
 """
 
+from __future__ import annotations  # an older Python comes here before gse.__main__ says that it is too old
+
 import importlib.util
 import os
 import sys

@@ -76,8 +76,8 @@ def test_another_session_is_planned_from_the_figures_of_one_that_was_judged(few)
 
 
 def test_a_session_of_many_frames_a_second_is_planned_for_the_ten_seconds_that_bounds_need() -> None:
-    axis = AxisQuestion("dRA*", Expected(0.0, 5.0, 0.0, 100.0), 60.0, 0.0)
-    plan = session_plan((axis,), Limits(), availability=1.0, frames_per_s=100.0)
+    axis = AxisQuestion(D_RA_COSDE, Expected(0.0, 5.0, 0.0, 100.0), 60.0, 0.0)
+    plan = session_plan(ExpectedSession((axis,), Limits(), 1.0, 100.0))
     assert plan.rows[0].frames == 1001
 
 
@@ -92,8 +92,8 @@ def test_a_plan_with_a_row_that_cannot_pass_has_no_length() -> None:
 
 
 def test_noise_beyond_the_limit_never_passes() -> None:
-    axis = AxisQuestion("dRA*", Expected(0.0, 100.0, 1.0, 10.0), 60.0, 1.0)
-    assert session_plan((axis,), Limits(), availability=1.0, frames_per_s=10.0).rows[0].frames is None
+    axis = AxisQuestion(D_RA_COSDE, Expected(0.0, 100.0, 1.0, 10.0), 60.0, 1.0)
+    assert session_plan(ExpectedSession((axis,), Limits(), 1.0, 10.0)).rows[0].frames is None
 
 
 def test_answers_are_planned_as_independent_where_nothing_is_said_of_their_runs():

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from gse.cli import main
+from gse.sessions.kept_results import results_folder
 
 KERNELS = ("Nehalem", "Haswell", "Zen")
 LESSER = {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512_SKX X86_V3 X86_V4"}
@@ -63,10 +64,10 @@ def by_a_command(session: Path, out: Path, environment: dict[str, str]) -> dict[
 def by_a_notebook(session: Path, folder: Path, kernel: str) -> dict[str, bytes]:
     """The tables that the judgement leaves, of every digit."""
     folder.mkdir()
-    own = shutil.copy(session, folder)
-    command = [sys.executable, "-c", NOTEBOOK, own]
+    kept = results_folder(Path(shutil.copy(session, folder)))
+    command = [sys.executable, "-c", NOTEBOOK, folder / session.name]
     subprocess.run(command, env=os.environ | {"OPENBLAS_CORETYPE": kernel}, check=True, stdout=subprocess.DEVNULL)
-    return {path.name: path.read_bytes() for path in folder.glob("*.results/*/*.parquet")}
+    return {path.name: path.read_bytes() for path in kept.glob("*/*.parquet")}
 
 
 @of_x86

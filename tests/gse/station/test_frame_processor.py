@@ -447,7 +447,7 @@ def test_nothing_is_looked_for_where_no_panorama_has_an_answer(reference, panora
     _, results, _ = concluded(Silent(reference.catalog), [panorama], left_out=left_out, truth=TRUTH, mount=MOUNT)
     assert not hasattr(left_out, "frames")
     assert (results[0].attitude, results[0].attitude_geometric, results[0].attitude_true) == (None, None, None)
-    assert (len(results[0].matches), len(results[0].left_out)) == (0, 0)
+    assert (len(results[0].matches), len(results.left_out.objects)) == (0, 0)
 
 
 class InTurn(Silent):

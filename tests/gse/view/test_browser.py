@@ -123,9 +123,10 @@ def test_the_page_cannot_call_out_even_if_it_tries(visit: Visits) -> None:
 
 def test_the_glance_page_works_through_a_tunnel_with_another_port(visit: Visits) -> None:
     session, notes = synthetic_night(20), Notes()
-    glance = Glance(session.station)
+    live = LiveState(session.station)
+    glance = Glance(live)
     for frame in synthetic_frames(20, trouble=False):
-        glance.on_results(results_of([frame]), session)
+        live.on_results(results_of([frame]), session)
     content = Content(glance=glance, notes=notes)
     with ViewServer("0.0.0.0", 0, content) as server, Proxy(server.port) as tunnel, visit() as seen:
         seen.page.goto(f"http://localhost:{tunnel.port}/")

@@ -53,7 +53,8 @@ def test_the_page_at_a_glance_is_served_without_it(packages: Path, tmp_path: Pat
 import urllib.request
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.view.live import LiveView
-with LiveView(parse_station(BUILT_IN_TEXT)) as view:
+from gse.view.live_state import LiveState
+with LiveView(LiveState(parse_station(BUILT_IN_TEXT))) as view:
     print(urllib.request.urlopen(view.url).status, view.rerun_url or "no rerun")
 """
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{packages}"}
