@@ -25,7 +25,7 @@ from endings import night_station
 from drivers.chunk import Chunk
 from drivers.link import SerialLink
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import EVENTS, RX, Message
+from drivers.session_file.records import EVENTS, RX, RecordedMessage
 from drivers.session_file.verification import verify
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import Station, parse_station
@@ -131,7 +131,7 @@ def _sample(loads: list[float], end: threading.Event) -> None:
 
 
 def _rows(found: Path, chunks: list[Chunk], late_s: float, load: str) -> list[tuple[str, str, str]]:
-    records = [record for record in read_capture(found / "session.mcap") if isinstance(record, Message)]
+    records = [record for record in read_capture(found / "session.mcap") if isinstance(record, RecordedMessage)]
     received = b"".join(record.data for record in records if record.topic == RX)
     sent = b"".join(chunk.data for chunk in chunks)
     kinds = Counter(record.event().kind for record in records if record.topic == EVENTS)

@@ -22,19 +22,19 @@ import pyarrow as pa
 from distributed import Client
 
 from drivers.mock.urls import sim_url
-from gse import instant
 from gse.campaign.cluster import cluster
 from gse.campaign.dataset import INDEX, SESSIONS, Committed, DataSet, parquet_of
 from gse.campaign.document import campaign_document
 from gse.campaign.engine import plan_campaign, run_campaign
-from gse.campaign.files import write_campaign_report
 from gse.campaign.first_compilation import compile_first
+from gse.campaign.page import write_campaign_report
 from gse.campaign.query import ask
 from gse.campaign.sources import find_sources
 from gse.campaign.storage import put_whole
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.simulator.recording import record_simulation
 from gse.truth import EarthOrientation
+from gse.values import instant
 
 FIRST_NS = instant.from_text("2026-01-01T14:00:00Z")
 RATE_HZ = 2

@@ -21,17 +21,17 @@ from pathlib import Path
 
 import numpy as np
 
-from gse.assessment.verdict import judge
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.diagnosis import fine_causes
-from gse.diagnosis.changes_in_time import sinusoids, steps
 from gse.diagnosis.diagnosis import session_model
+from gse.diagnosis.fine_causes import sinusoids, steps
 from gse.diagnosis.fine_hypotheses import causes_of_field, constant_causes, drifts
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import pole
-from gse.finding import Finding
-from gse.site import Site
 from gse.statistics.session_statistics import statistics
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.finding import Finding
+from gse.values.site import Site
+from gse.verdict.assessment import judge
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 

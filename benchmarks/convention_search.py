@@ -10,15 +10,15 @@ from collections import Counter
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gse.attitude_convention import AttitudeConvention, proper_axes, state_angles, state_quaternions
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.constants import ARCSEC_RAD
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
 from gse.station.own_answers import OwnAnswerTruth
-from gse.statistics.convention_search import Evidence, search_convention
+from gse.statistics.sensor_convention import Evidence, search_convention
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.frames import icrs_to_frame
+from gse.values.attitude_convention import AttitudeConvention, proper_axes, state_angles, state_quaternions
+from gse.values.constants import ARCSEC_RAD
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
 
 FIRST_NS, LAST_NS = from_text("2010-01-01T00:00:00Z"), from_text("2026-01-01T00:00:00Z")
 ANSWERS = 60

@@ -27,7 +27,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import EVENTS, Message
+from drivers.session_file.records import EVENTS, RecordedMessage
 from drivers.session_file.verification import verify
 from gse.config.station import BUILT_IN_TEXT
 
@@ -305,7 +305,7 @@ def _ways(disk: Path) -> list[tuple[str, int | None, Callable[[], object], bytes
 
 def _event_kinds(path: Path) -> set[str]:
     records = read_capture(path)
-    return {record.event().kind for record in records if isinstance(record, Message) and record.topic == EVENTS}
+    return {record.event().kind for record in records if isinstance(record, RecordedMessage) and record.topic == EVENTS}
 
 
 def markdown(rows: list[Row]) -> str:

@@ -16,8 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gse.attitude import solve_attitude
-from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.catalog.flight import write_table
 from gse.evaluation.frames import Conditions, FrameMaker, Optics
@@ -28,9 +26,11 @@ from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, make_identifier
 from gse.identifier.tables import field_diameter_rad, listed_neighbours, pair_table
-from gse.identifier_options import IdentifierOptions
-from gse.panorama import Panorama
-from gse.spiral import spiral_directions
+from gse.values.attitude import solve_attitude
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
+from gse.values.spiral import spiral_directions
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "tests" / "devices" / "onboard_neighbour.c"

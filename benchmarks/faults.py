@@ -25,7 +25,7 @@ from drivers.link import SerialLink
 from drivers.mock.urls import replay_url
 from drivers.session_file.compaction import compact
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import RX, Damage, Message
+from drivers.session_file.records import RX, Damage, RecordedMessage
 from drivers.session_file.verification import verify
 from drivers.session_file.writer import CaptureWriter
 from drivers.urlhandlers.protocol_sim import register
@@ -189,7 +189,7 @@ def recorder(folder: Path) -> list[Row]:
             killed_s = time.monotonic()
             process.wait()
         terminal.unplug()
-        received = b"".join(r.data for r in read_capture(path) if isinstance(r, Message) and r.topic == RX)
+        received = b"".join(r.data for r in read_capture(path) if isinstance(r, RecordedMessage) and r.topic == RX)
         whole = len(received) // FRAME_BYTES
         unreadable += any(damage.reason != "cut off" for file in verify(path).files for damage in file.damages)
         unplayable += b"".join(c.data for c in replayed(replay_url(path)) if isinstance(c, Chunk)) != received
@@ -389,7 +389,9 @@ def load(folder: Path) -> list[Row]:
         process.wait()
     terminal.unplug()
     (session,) = disk.folder.glob("*/session.mcap")
-    received, _ = decoded([r.chunk() for r in read_capture(session) if isinstance(r, Message) and r.topic == RX])
+    received, _ = decoded(
+        [r.chunk() for r in read_capture(session) if isinstance(r, RecordedMessage) and r.topic == RX]
+    )
     disk.close()
     return [
         (f"{len(frames)} frames at 400/s, view on, {disk.kind}: lost", str(len(frames) - len(received)), "0"),
@@ -459,7 +461,7 @@ def changed(folder: Path) -> list[Row]:
             silent += recording.damage is None
             rewritten += path.read_bytes()[: len(before)] != before
             saved = path.with_name("session.recovered.mcap")
-            received = b"".join(r.data for r in read_capture(saved) if isinstance(r, Message) and r.topic == RX)
+            received = b"".join(r.data for r in read_capture(saved) if isinstance(r, RecordedMessage) and r.topic == RX)
             lost += len(chunks) * FRAME_BYTES - len(received)
             unwhole += not verify(saved).is_whole
         value = f"{silent}, {rewritten}, {lost}, {unwhole}"

@@ -19,21 +19,20 @@ import numpy as np
 from scipy.stats import chi2
 
 from drivers.mock.urls import sim_url
-from gse.assessment.compared_axis import ComparedAxis, axis_rows
-from gse.assessment.compared_subject import ComparedSession
-from gse.axis import ON_SKY
-from gse.calibration.camera_fit import calibrate
-from gse.calibration.session_fit import PanoramaSample, star_fields
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.constants import ARCSEC_PER_RAD
-from gse.instant import NS_PER_S, from_text, to_text
+from gse.imaging.camera_fit import calibrate
+from gse.imaging.session_fit import PanoramaSample, star_fields
 from gse.sessions.panoramas import open_recording
 from gse.sessions.replay import ReplayOptions, replay_session
 from gse.simulator.recording import record_simulation
 from gse.station.mount_alignment import MeasuredMounts, cross_validated
 from gse.station.setup import set_up
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor, small_rotations
+from gse.values.axis import ON_SKY
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.instant import NS_PER_S, from_text, to_text
+from gse.verdict.compared_axis import ComparedAxis, ComparedSession, axis_rows
 
 FIRST_NS = from_text("2026-01-05T13:00:00Z")
 SIGMAS = 3.0

@@ -46,7 +46,7 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
     from drivers.session_file.file_window import BlockWindow
     from drivers.session_file.reader import read_capture
     from drivers.session_file.record_scanner import MAGIC, RecordScanner
-    from drivers.session_file.records import CLOCK, EVENTS, RX, TX, Damage, Message, Record
+    from drivers.session_file.records import CLOCK, EVENTS, RX, TX, Damage, Record, RecordedMessage
     from drivers.session_file.writer import CaptureWriter
     from protocols import Protocol
     from protocols.errors import EncodeError, ProtocolError
@@ -54,18 +54,18 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
     if WHOLE:
         import numpy as np
 
-        from gse.assessment.verdict import judge
         from gse.config.station import BUILT_IN_TEXT
         from gse.errors import GseError
         from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC, TIMING_TOPIC
         from gse.recording.session_tools import session_info
+        from gse.report.files import junit_xml
         from gse.report.frames_csv import frames_csv
-        from gse.report.junit import junit_xml
         from gse.report.summary import summarise
         from gse.report.terminal import plain_lines
         from gse.sessions.export import export_csv, export_ndjson
         from gse.sessions.replay import replay_session
         from gse.station.setup import clear_caches
+        from gse.verdict.assessment import judge
         from protocols import PanoramaMessage, StatusMessage, load_protocol
 
 MOST_MIB = 400
@@ -85,7 +85,7 @@ def read(data: bytes) -> list[Record]:
     for record in records:
         if isinstance(record, Damage) and record.file == "fuzz":
             assert 0 <= record.offset < record.offset + record.size <= len(data)
-        elif isinstance(record, Message):
+        elif isinstance(record, RecordedMessage):
             event = record.event()
             assert is_plain(event.kind + event.text + record.topic)
     return records
@@ -150,7 +150,7 @@ def write_session(path: Path, given: "atheris.FuzzedDataProvider") -> None:
             mono_ns = given.ConsumeIntInRange(0, 2**64 - 1) if step == 1 else mono_ns + 100_000_000
             topic = given.PickValueInList([RX, RX, RX, RX, TX, EVENTS, CLOCK, TIMING_TOPIC, ANSWER_TOPIC, LOG_TOPIC])
             content = _bytes(given, protocol) if topic in (RX, TX, LOG_TOPIC) else _json(given)
-            writer.write(Message(topic, min(utc_ns, 2**64 - 1), min(mono_ns, 2**64 - 1), content))
+            writer.write(RecordedMessage(topic, min(utc_ns, 2**64 - 1), min(mono_ns, 2**64 - 1), content))
 
 
 def _bytes(given: "atheris.FuzzedDataProvider", protocol: Protocol) -> bytes:

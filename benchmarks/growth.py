@@ -15,14 +15,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, mission_catalog
 from gse.evaluation.frames import Conditions, FrameMaker, Optics
 from gse.identifier import ObjectColumns
 from gse.identifier.neighbour import NeighbourIdentifier
 from gse.identifier.robust import RobustIdentifier
-from gse.identifier_options import IdentifierOptions
-from gse.spiral import spiral_directions
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.spiral import spiral_directions
 
 Objects = tuple[NDArray[np.float64], NDArray[np.float64]]
 Many = NeighbourIdentifier | RobustIdentifier

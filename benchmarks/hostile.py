@@ -20,15 +20,15 @@ import numpy as np
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CommandError
 from drivers.outside_text import is_plain
-from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.panorama import Panorama
 from gse.recording.recorder import Recorder
 from gse.sessions.commanding import command_sensor
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 from gse.station.notes import Notes
 from gse.station.reception import Reception
 from gse.station.results import Verdict
+from gse.values.panorama import Panorama
+from gse.verdict.assessment import judge
 from gse.view.server import Content, ViewServer
 from protocols import Ack, Frame, FrameDecoder, PanoramaMessage, Start, load_protocol
 

@@ -24,14 +24,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import solve_attitude
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
 from gse.identifier.robust import KnownSensor, RobustIdentifier
-from gse.identifier_options import IdentifierOptions
-from gse.spiral import spiral_directions
+from gse.values.attitude import solve_attitude
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.spiral import spiral_directions
 
 
 def camera(columns: int, rows: int, width_deg: float) -> Camera:

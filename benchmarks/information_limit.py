@@ -26,17 +26,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, merge_doubles
-from gse.constants import ARCSEC_RAD
 from gse.evaluation.frames import Conditions, Optics, SimulatedFrame
-from gse.identifier.hypotheses import _attempt_with
+from gse.identifier.hypotheses import _attempt_with, axis, pair_rotation, stars_near
 from gse.identifier.robust import KnownSensor, _field
 from gse.identifier.robust_tables import SkyTables, sky_tables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, objects_of, place
 from gse.identifier.verify import grow
-from gse.identifier.votes import axis, pair_rotation, stars_near
 from gse.process.jit import compiled
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_RAD
 
 FALSE_MAGNITUDES = 4.0
 SIGMAS_OF_PLACE, SIGMAS_OF_BRIGHTNESS = 5.0, 4.0

@@ -31,7 +31,7 @@ from drivers.chunk import Chunk
 from drivers.link import SerialLink
 from drivers.mock.urls import replay_url
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import RX, Message
+from drivers.session_file.records import RX, RecordedMessage
 from drivers.session_file.verification import verify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -97,7 +97,7 @@ def kill(folder: Path, rng: random.Random, *, whole: bool) -> Loss:
             time.sleep(0.001)
     terminal.unplug()
     (path,) = folder.glob("**/session.mcap")
-    received = b"".join(r.data for r in read_capture(path) if isinstance(r, Message) and r.topic == RX)
+    received = b"".join(r.data for r in read_capture(path) if isinstance(r, RecordedMessage) and r.topic == RX)
     complete = _complete(received)
     oldest_sent_s = sent_s[complete] if complete < len(sent_s) else killed_s
     return Loss(

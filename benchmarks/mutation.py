@@ -59,13 +59,13 @@ JUDGEMENT = tuple(f"tests/gse/{room}" for room in ("assessment", "diagnosis", "b
 """One verdict: the tests of each of these rooms see what the others do."""
 
 ROOMS = {
-    "assessment": Room(("gse/assessment/*.py",), (*JUDGEMENT, "tests/gse/report")),
+    "assessment": Room(("gse/verdict/*.py",), (*JUDGEMENT, "tests/gse/report")),
     "diagnosis": Room(("gse/diagnosis/*.py",), JUDGEMENT),
-    "budget": Room(("gse/budget/*.py",), JUDGEMENT),
+    "budget": Room(("gse/statistics/*.py",), JUDGEMENT),
     "statistics": Room(("gse/statistics/*.py",), (*JUDGEMENT, "tests/gse/report")),
     "station": Room(("gse/station/*.py",), ("tests/gse/station", "tests/gse/sessions", *JUDGEMENT)),
     "truth": Room(("gse/truth/*.py",), ("tests/gse/truth",)),
-    "calibration": Room(("gse/calibration/*.py",), ("tests/gse/calibration",)),
+    "calibration": Room(("gse/imaging/*.py",), ("tests/gse/calibration",)),
     "identifier": Room(
         (
             "gse/identifier/acceptance.py",

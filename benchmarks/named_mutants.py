@@ -26,25 +26,25 @@ class Named:
 
 
 _FRAMES = "gse/station/frame_processor.py"
-_GUARD = "gse/statistics/guard_band.py"
+_GUARD = "gse/statistics/decision.py"
 _DECISION = "gse/statistics/decision.py"
 _STATISTICS = "gse/statistics/subject_statistics.py"
 _ACCEPTANCE = "gse/identifier/acceptance.py"
-_HOT = "gse/calibration/hot_pixels.py"
+_HOT = "gse/imaging/session_fit.py"
 _TO_DECISION = "tests/gse/statistics/test_decision.py"
-_TO_VERDICT = "tests/gse/assessment/test_verdict.py"
+_TO_VERDICT = "tests/gse/verdict/test_verdict.py"
 _TO_FRAMES = "tests/gse/station/test_frame_processor.py"
 _TO_ACCEPTANCE = "tests/gse/identifier/test_acceptance.py"
 _TO_CLOCK = "tests/gse/statistics/test_clock_health.py"
 _TO_STATISTICS = "tests/gse/statistics/test_session_statistics.py"
-_TO_HOT = "tests/gse/calibration/test_hot_pixels.py"
+_TO_HOT = "tests/gse/imaging/test_hot_pixels.py"
 _TO_ALIGNMENT = "tests/gse/truth/test_alignment.py"
 _OF_VALUE = "(share.value, share.value)"
 
 NAMED = (
     Named("never FALSE", _FRAMES, "_RAD, _CORRECT, _FALSE)", "_RAD, _CORRECT, _CORRECT)", _TO_FRAMES),
     Named("FALSE from 5 deg on", _FRAMES, "= SAME_BORESIGHT_ARCSEC *", "= 100 * SAME_BORESIGHT_ARCSEC *", _TO_FRAMES),
-    Named("time never fails", "gse/assessment/requirements.py", "limit=SLOW_SHARE", "limit=1.0", _TO_VERDICT),
+    Named("time never fails", "gse/verdict/requirements.py", "limit=SLOW_SHARE", "limit=1.0", _TO_VERDICT),
     Named(
         "FAIL though truth may be it", _GUARD, "guard(value - lower, truth_standard)", "(value - lower)", _TO_DECISION
     ),

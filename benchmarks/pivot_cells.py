@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 
 from gse.catalog import load_catalog
-from gse.constants import ARCSEC_RAD
 from gse.evaluation.frames import Conditions, FrameMaker
 from gse.evaluation.monte_carlo import of_angles
 from gse.evaluation.paper_sky import PaperSky
@@ -24,7 +23,8 @@ from gse.identifier.consistency import Separations
 from gse.identifier.pivot import PivotIdentifier
 from gse.identifier.result import Unidentified
 from gse.identifier.tables import pair_table
-from gse.spiral import spiral_directions
+from gse.values.constants import ARCSEC_RAD
+from gse.values.spiral import spiral_directions
 
 REPEATED = 5
 Seen = tuple[Separations, np.ndarray, np.ndarray]

@@ -31,11 +31,11 @@ def main() -> None:
 def one(count: int) -> None:
     """Keep the results of ``count`` frames, then make the report from them."""
     started = time.process_time()
-    from gse.assessment.verdict import judge
     from gse.process.without_pandas import spare_pandas
     from gse.report.files import write_report
+    from gse.report.result_key import ResultKey
     from gse.sessions.kept_results import keep, kept
-    from gse.tables import ResultKey
+    from gse.verdict.assessment import judge
 
     imports = time.process_time() - started
     sys.path.insert(0, str(ROOT / "tests"))  # after gse: tests has a folder of that name

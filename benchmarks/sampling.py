@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from gse.assessment.planning import Expected, accuracy_frames, simulated_errors
-from gse.instant import NS_PER_S
 from gse.statistics.axis_statistics import axis_statistics
-from gse.statistics.guard_band import exceeds, keeps
+from gse.statistics.decision import exceeds, keeps
 from gse.statistics.sampling import error_bounds
+from gse.values.instant import NS_PER_S
+from gse.verdict.planning import Expected, accuracy_frames, simulated_errors
 
 TRUE_VALUES = 1_000_000
 LONG = 1_000_000

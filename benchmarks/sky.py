@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
 from gse.sessions.replay import replay_session
 from gse.simulator import device_factory
 from gse.simulator.scenario import Scenario, parse_scenario
-from gse.simulator.scene import Scene
-from gse.station.frame_table import SKY_CONDITIONS
+from gse.simulator.scene import SimulatedScene
+from gse.station.columns import SKY_CONDITIONS
 from gse.station.loop import StationLoop
 from gse.station.results import SkyCondition
 from gse.station.setup import set_up
 from gse.statistics.sky_summary import seen_share
+from gse.values.instant import NS_PER_S
 
 LOWELL = Path(__file__).parents[1] / "replays" / "lowell"
 SITES = (
@@ -107,7 +107,7 @@ def _run(scenario: Scenario, path: Path) -> NDArray[np.void]:
 
 def _extinction(scenario: Scenario, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     """Mean extinction over the detector at each instant."""
-    scene = Scene(scenario.device_for(parse_station(BUILT_IN_TEXT)), scenario, np.random.default_rng(0))
+    scene = SimulatedScene(scenario.device_for(parse_station(BUILT_IN_TEXT)), scenario, np.random.default_rng(0))
     steps = np.linspace(0, scene.camera.columns - 1, 9)
     xy_px = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     seconds = (utc_ns - scenario.start_utc_ns) / NS_PER_S

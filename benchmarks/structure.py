@@ -245,13 +245,13 @@ class Walk:
 
 def print_walks() -> None:
     """Files and functions that run: what is done once in a process was done before, but for the campaign's session."""
-    from gse.assessment.verdict import judge
     from gse.campaign.dataset import DataSet
     from gse.campaign.engine import plan_campaign
     from gse.campaign.judging import judge_source
     from gse.campaign.sources import find_sources
     from gse.sessions.replay import replay_session
     from gse.station.loop import StationLoop
+    from gse.verdict.assessment import judge
 
     print("| golden replay | chunk to result: files / functions | verdict | session of a campaign |\n|---|---|---|---|")
     take = StationLoop.take

@@ -15,8 +15,8 @@ import numpy as np
 from astropy.utils import iers
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import NS_PER_S, from_text
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.instant import NS_PER_S, from_text
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "gse" / "truth"))
 

@@ -5,7 +5,7 @@
 Each session has a random site, mount, instant and air, and a sky that differs from what the station file says: the
 true site, vertical, mount, air, clock, time stamp and star places are drawn, and the error that a faultless sensor
 would be reported with is computed from the drawn values as a whole, not term by term. The expanded uncertainty is that
-of ``gse.budget.truth_budget``, as in a report.
+of ``gse.statistics.truth_budget``, as in a report.
 """
 
 import argparse
@@ -15,17 +15,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gse.attitude import Attitude
-from gse.axis import AXES
-from gse.budget.star_terms import PARALLAX_ARCSEC, FieldOfStars, star_terms
-from gse.budget.truth_budget import SessionFacts, truth_budget
-from gse.budget.uncertainty import TO_STANDARD
-from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount, MountUncertainty
-from gse.site import Site, SiteUncertainty
 from gse.station.attitude_error import attitude_error
+from gse.statistics.star_terms import PARALLAX_ARCSEC, FieldOfStars, star_terms
+from gse.statistics.truth_budget import SessionFacts, truth_budget
+from gse.statistics.uncertainty import TO_STANDARD
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor
+from gse.values.attitude import Attitude
+from gse.values.axis import AXES
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount, MountUncertainty
+from gse.values.site import Site, SiteUncertainty
 
 EARTH_M = 6_371_000.0
 TIME_STAMP_S, BITS_PER_BYTE = 0.001, 10

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from gse.catalog import StarCatalog, load_catalog
 from gse.catalog.readers import MOTION_RECORD
-from gse.constants import ARCSEC_RAD
+from gse.values.constants import ARCSEC_RAD
 
 FAINTEST_V = 6.6
 STARS_SEARCHED = 40_000

@@ -1,14 +1,14 @@
-"""Make the table of requirements in docs/metrics.md from gse.assessment.requirements.
+"""Make the table of requirements in docs/metrics.md from gse.verdict.requirements.
 
 Run it after a change of the table: ``python docs/make_requirements.py``. A test holds both together.
 """
 
 from pathlib import Path
 
-from gse.assessment.requirements import REQUIREMENTS, Requirement
-from gse.limits import Limits
 from gse.statistics.decision import Claim
 from gse.statistics.excuses import EXCUSES, LEFT_OUT
+from gse.values.limits import Limits
+from gse.verdict.requirements import REQUIREMENTS, Requirement
 
 PAGE = Path(__file__).with_name("metrics.md")
 _CLAIMS = {

@@ -10,9 +10,12 @@ from pathlib import Path
 import pyarrow as pa
 
 from gse.campaign.atlas_table import atlas_schema
+from gse.report.frames_table import frames_schema
+from gse.report.sessions_table import sessions_schema
+from gse.report.stars_table import stars_schema
+from gse.report.table_columns import SCHEMA_VERSION
 from gse.station.columns import COLUMNS, OWN_COLUMNS, Column
 from gse.station.results import Subject
-from gse.tables import SCHEMA_VERSION, frames_schema, sessions_schema, stars_schema
 
 HEAD = f"""\
 # Tables of results

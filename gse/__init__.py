@@ -1,8 +1,7 @@
 """The ground test station for a star sensor: panoramas in, RA and DE against sidereal truth out.
 
-Each package is a room, named after its part in the way of a panorama; the modules that lie here are values and
-functions that many rooms share. ARCHITECTURE.md is the plan. For notebooks: ``gse.load``, ``gse.judge`` and
-``gse.identify`` (gse.api), imported when they are first used.
+Each package is a room, named after its part in the way of a panorama. ARCHITECTURE.md is the plan. For notebooks:
+``gse.load``, ``gse.judge`` and ``gse.identify`` (gse.api), imported when they are first used.
 """
 
 from __future__ import annotations  # for the Pythons that gse.__main__ answers and does not run on

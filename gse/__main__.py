@@ -64,7 +64,7 @@ def _leave_warnings_to_developers() -> None:
 
 def _said_of_package(error: Exception) -> int:
     """Say which package of others is missing or broken; returns the exit code. Raises an error that is our own."""
-    from gse.broken_package import broken_package
+    from gse.process.broken_package import broken_package
 
     text = broken_package(error)
     if text is None:

@@ -16,19 +16,22 @@ import pyarrow.dataset as ds
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.session_file.reader import session_file
-from gse import instant
-from gse.assessment.verdict import Assessment
 from gse.config.choice import change_to, station_of, with_identifier
 from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
-from gse.panorama import Panorama
+from gse.report.frames_table import frames_schema
+from gse.report.parquet import MOST_ROWS, check_size
+from gse.report.session_tables import SessionTables, session_tables
+from gse.report.stars_table import stars_schema
+from gse.report.table_columns import SCHEMA_VERSION
 from gse.sessions.judged import Judged, judged_session, result_key
 from gse.sessions.replay import replay_session
 from gse.station.frame_results import FrameResult
 from gse.station.loop import StationLoop
 from gse.station.setup import set_up
-from gse.tables import SCHEMA_VERSION, SessionTables, frames_schema, session_tables, stars_schema
-from gse.tables.parquet import MOST_ROWS, check_size
+from gse.values import instant
+from gse.values.panorama import Panorama
+from gse.verdict.assessment import Assessment
 
 _DATASET_MARK, _MOST_MARK_BYTES = "dataset.json", 10_000
 _DATASET_SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"

@@ -49,7 +49,7 @@ Note = Annotated[str, StringConstraints(max_length=2000)]
 Code = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
 
 
-class Part(BaseModel):
+class DescriptionPart(BaseModel):
     """Unknown keys are errors."""
 
     model_config = ConfigDict(
@@ -57,7 +57,7 @@ class Part(BaseModel):
     )
 
 
-class FieldDescription(Part):
+class FieldDescription(DescriptionPart):
     """One number of a header, payload or slot; without an offset it follows the field before it."""
 
     name: Name
@@ -74,7 +74,7 @@ class FieldDescription(Part):
     note: Note = ""
 
 
-class SlotsDescription(Part):
+class SlotsDescription(DescriptionPart):
     """The same fields again and again: the objects of a panorama."""
 
     repeat: Annotated[int, Field(strict=True, ge=1, le=MAX_REPEAT)]
@@ -83,7 +83,7 @@ class SlotsDescription(Part):
     note: Note = ""
 
 
-class MessageDescription(Part):
+class MessageDescription(DescriptionPart):
     """One frame type; ``length`` is its one allowed payload length, checked against the fields where both stand."""
 
     code: Code
@@ -95,14 +95,14 @@ class MessageDescription(Part):
     note: Note = ""
 
 
-class FramingDescription(Part):
+class FramingDescription(DescriptionPart):
     """How frames are told apart: by a sync word before each, or by SLIP's END bytes around each (RFC 1055)."""
 
     kind: Literal["sync", "slip"]
     sync_word: Annotated[str, StringConstraints(strict=True, pattern=r"^([0-9A-Fa-f]{2} ?){2,8}$")] | None = None
 
 
-class ChecksumDescription(Part):
+class ChecksumDescription(DescriptionPart):
     """The checksum after the payload, over header and payload, and over the sync word if so said."""
 
     name: str
@@ -110,7 +110,7 @@ class ChecksumDescription(Part):
     byte_order: Literal["big", "little"] | None = None
 
 
-class Description(Part):
+class Description(DescriptionPart):
     """A whole protocol description."""
 
     version: Literal[1]

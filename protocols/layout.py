@@ -1,18 +1,152 @@
 """Compiles a protocol description: the layout of its frames and of its messages."""
 
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from protocols.checksum import CHECKSUMS, Checksum
-from protocols.description import ChecksumDescription, Description, MessageDescription
-from protocols.header import HeaderLayout, compile_header
+from protocols.description import ChecksumDescription, Description, FieldDescription, MessageDescription
 from protocols.messages import AttitudeMessage
-from protocols.placement import Placed, place
-from protocols.reading import Path, Source
-from protocols.record import FieldLayout, compile_record, order_of
-from protocols.vocabulary import FORMS, QUATERNION, Form, Role
+from protocols.reading import DescriptionSource, Path
+from protocols.record import FieldLayout, Placed, check_words, compile_record, order_of, place, width
+from protocols.vocabulary import FORMS, HEADER_FIELDS, QUATERNION, SPARE, Form, Role
+
+# The header of a frame: type, flags, length and sequence number, where the protocol has them.
+
+_READ = ("type", "flags", "length", "sequence")
+_ABSENT = (None, 0, None, -1)
+"""What a header without one of these fields says."""
+_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
+
+
+@dataclass(frozen=True, slots=True)
+class HeaderLayout:
+    """Layout of the header's numbers.
+
+    ``names`` are the fields in the order of ``packed``, ``places`` those of type, flags, length and sequence in it, or
+    beyond it in _ABSENT; the length field says payload bytes = factor * count + zero.
+    """
+
+    packed: struct.Struct
+    names: tuple[str, ...]
+    places: tuple[int, int, int, int]
+    widths: Mapping[str, int]
+    length_factor: int
+    length_zero: int
+    flag_names: Mapping[int, str]
+
+    @property
+    def size(self) -> int:
+        """Bytes of the header."""
+        return self.packed.size
+
+    @property
+    def largest_type(self) -> int:
+        """The highest type code that fits."""
+        return int(256 ** self.widths["type"] - 1)
+
+    @property
+    def largest_flags(self) -> int:
+        """All flags set; 0 without flags."""
+        return int(256 ** self.widths.get("flags", 0) - 1)
+
+    @property
+    def sequence_modulus(self) -> int:
+        """Where the sequence number wraps; 0 without one."""
+        return int(256 ** self.widths["sequence"]) if "sequence" in self.widths else 0
+
+    def can_say_length(self, size: int) -> bool:
+        """Whether the length field, if there is one, can say this payload length."""
+        if "length" not in self.widths:
+            return True
+        count, rest = divmod(size - self.length_zero, self.length_factor)
+        return rest == 0 and 0 <= count < 256 ** self.widths["length"]
+
+    def read(self, frame: bytes | bytearray, offset: int) -> tuple[int, int, int | None, int]:
+        """Type, flags, payload length (None if the header does not say) and sequence number (-1 without one)."""
+        values = (*self.packed.unpack_from(frame, offset), *_ABSENT)
+        code, flags, length, sequence = self.places
+        stated = values[length]
+        if stated is not None:
+            stated = self.length_factor * stated + self.length_zero
+        return values[code], values[flags], stated, values[sequence]
+
+    def write(self, code: int, flags: int, size: int, sequence: int) -> bytes:
+        """The bytes of a header; the sequence number wraps, the caller has checked that the others fit."""
+        values = {
+            "type": code,
+            "flags": flags,
+            "length": (size - self.length_zero) // self.length_factor,
+            "sequence": sequence % (self.sequence_modulus or 1),
+        }
+        return self.packed.pack(*(values[name] for name in self.names))
+
+
+def compile_header(fields: Sequence[FieldDescription], order: str, source: DescriptionSource) -> HeaderLayout:
+    """The header of a description; DescriptionError where a field is unknown or no unsigned integer."""
+    by_name: dict[str, FieldDescription] = {}
+    placed = place(fields, source, ("header",))
+    for item in placed:
+        field = item.field
+        assert field is not None
+        if field.name == SPARE:
+            continue
+        _check(field, by_name, source, item.path)
+        by_name[field.name] = field
+    if "type" not in by_name:
+        raise source.error("type is missing: it tells the messages apart", ("header",))
+    length = by_name.get("length")
+    ordered = sorted((p for p in placed if p.name != SPARE), key=lambda p: p.offset)
+    text, at = order, 0
+    for item in ordered:
+        text += f"{item.offset - at}x{_CODES[item.size]}"
+        at = item.end
+    flags = by_name.get("flags")
+    names = tuple(item.name for item in ordered)
+    return HeaderLayout(
+        packed=struct.Struct(f"{text}{max(p.end for p in placed) - at}x"),
+        names=names,
+        places=_places(names),
+        widths={name: width(field) for name, field in by_name.items()},
+        length_factor=int(length.scale or 1) if length else 1,
+        length_zero=int(length.zero) if length else 0,
+        flag_names=(flags.bits or {}) if flags else {},
+    )
+
+
+def _places(names: tuple[str, ...]) -> tuple[int, int, int, int]:
+    """Where ``HeaderLayout.read`` finds its four numbers."""
+    code, flags, length, sequence = (
+        names.index(name) if name in names else len(names) + place for place, name in enumerate(_READ)
+    )
+    return code, flags, length, sequence
+
+
+def _check(
+    field: FieldDescription, seen: Mapping[str, FieldDescription], source: DescriptionSource, path: Sequence[str | int]
+) -> None:
+    if field.name not in HEADER_FIELDS:
+        raise source.error(f"is {field.name!r}: known here: {', '.join(HEADER_FIELDS)}; or {SPARE}", (*path, "name"))
+    if field.name in seen:
+        raise source.error(f"{field.name} is given twice", (*path, "name"))
+    if field.type[0] != "u":
+        raise source.error("expected an unsigned integer type in a header", (*path, "type"))
+    whole = all(number.denominator == 1 for number in (field.scale or 1, field.zero))
+    given = {
+        "array": field.array is not None,
+        "unit": field.unit is not None,
+        "min": field.min is not None,
+        "max": field.max is not None,
+        "values": field.values is not None,
+        "bits": field.bits is not None and field.name != "flags",
+        "scale": field.scale is not None and (field.name != "length" or not whole),
+        "zero": field.zero != 0 and (field.name != "length" or not whole),
+    }
+    for key in (key for key, is_wrong in given.items() if is_wrong):
+        raise source.error(f"a header's {field.name} has no {key}, or not this one", (*path, key))
+    check_words(field, source, path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +212,7 @@ class FrameLayout:
         return self.checksum_of(frame[: -self.checksum.size]) == frame[-self.checksum.size :]
 
 
-def compile_frame(description: Description, source: Source) -> FrameLayout:
+def compile_frame(description: Description, source: DescriptionSource) -> FrameLayout:
     """Framing, header and checksum of a description."""
     framing, checksum = description.framing, description.checksum
     if (framing.kind == "sync") != (framing.sync_word is not None):
@@ -99,20 +233,20 @@ def compile_frame(description: Description, source: Source) -> FrameLayout:
     )
 
 
-def compile_messages(description: Description, source: Source) -> dict[str, MessageLayout]:
+def compile_messages(description: Description, source: DescriptionSource) -> dict[str, MessageLayout]:
     """The layout of every message, by name."""
     return {
         name: _compile_message(name, message, description, source) for name, message in description.messages.items()
     }
 
 
-def _checksum(description: ChecksumDescription, source: Source) -> Checksum:
+def _checksum(description: ChecksumDescription, source: DescriptionSource) -> Checksum:
     if description.name not in CHECKSUMS:
         raise source.error(f"is {description.name!r:.60}: expected one of {', '.join(CHECKSUMS)}", ("checksum", "name"))
     return CHECKSUMS[description.name]
 
 
-def _check_codes(description: Description, header: HeaderLayout, source: Source) -> None:
+def _check_codes(description: Description, header: HeaderLayout, source: DescriptionSource) -> None:
     taken: dict[int, str] = {}
     for name, message in description.messages.items():
         path = ("messages", name)
@@ -132,7 +266,7 @@ def _check_codes(description: Description, header: HeaderLayout, source: Source)
             )
 
 
-def _size(message: MessageDescription, source: Source, name: str) -> int:
+def _size(message: MessageDescription, source: DescriptionSource, name: str) -> int:
     path = ("messages", name)
     if message.ignored:
         if message.length is None or message.fields or message.slots:
@@ -144,12 +278,14 @@ def _size(message: MessageDescription, source: Source, name: str) -> int:
     return end
 
 
-def _placed(message: MessageDescription, source: Source, path: Path) -> list[Placed]:
+def _placed(message: MessageDescription, source: DescriptionSource, path: Path) -> list[Placed]:
     """Fields and slots in their places; the slots as one block."""
     return place(message.fields, source, (*path, "fields"), message.slots, (*path, "slots"))
 
 
-def _compile_message(name: str, message: MessageDescription, description: Description, source: Source) -> MessageLayout:
+def _compile_message(
+    name: str, message: MessageDescription, description: Description, source: DescriptionSource
+) -> MessageLayout:
     path = ("messages", name)
     form = None if message.ignored else FORMS.get(name)
     if form is None and not message.ignored:
@@ -176,7 +312,11 @@ def _compile_message(name: str, message: MessageDescription, description: Descri
 
 
 def _slots(
-    message: MessageDescription, placed: Sequence[Placed], form: Form, description: Description, source: Source
+    message: MessageDescription,
+    placed: Sequence[Placed],
+    form: Form,
+    description: Description,
+    source: DescriptionSource,
 ) -> SlotsLayout | None:
     slots, path = message.slots, ("messages", "PANORAMA", "slots")
     if slots is None:
@@ -192,13 +332,15 @@ def _slots(
     return SlotsLayout(slots.repeat, block.offset, dtype, fields)
 
 
-def _check_required(roles: Mapping[str, Role], fields: Sequence[FieldLayout], source: Source, path: Path) -> None:
+def _check_required(
+    roles: Mapping[str, Role], fields: Sequence[FieldLayout], source: DescriptionSource, path: Path
+) -> None:
     for name, role in roles.items():
         if role.required and all(field.name != name for field in fields):
             raise source.error(f"{name} is missing", path)
 
 
-def _check_direction(fields: Sequence[FieldLayout], source: Source, path: Path) -> None:
+def _check_direction(fields: Sequence[FieldLayout], source: DescriptionSource, path: Path) -> None:
     """An ATTITUDE has RA and DE, or a whole quaternion."""
     names = {field.name for field in fields}
     if not names.issuperset(("ra", "de")) and not names.issuperset(QUATERNION):

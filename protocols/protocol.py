@@ -17,7 +17,7 @@ from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
 from protocols.layout import FrameLayout, compile_frame, compile_messages
 from protocols.messages import Message, Other, PanoramaColumns
-from protocols.reading import MAX_TEXT, Source, read_document, validate
+from protocols.reading import MAX_TEXT, DescriptionSource, read_document, validate
 from protocols.slip import packed
 from protocols.vocabulary import NAME_OF
 
@@ -28,7 +28,7 @@ class Protocol:
     ``text`` is the YAML that it was made from, complete in itself: what a session keeps.
     """
 
-    def __init__(self, description: Description, text: str, source: Source) -> None:
+    def __init__(self, description: Description, text: str, source: DescriptionSource) -> None:
         self.name = description.name
         self.text = text
         self.frame_layout: FrameLayout = compile_frame(description, source)
@@ -133,7 +133,7 @@ def parse_protocol(text: str, source: str) -> Protocol:
     return Protocol(validate(document, where), text, where)
 
 
-def _extended(document: dict[str, Any], where: Source) -> dict[str, Any]:
+def _extended(document: dict[str, Any], where: DescriptionSource) -> dict[str, Any]:
     """The document with the top-level keys that it leaves out taken from the built-in description it extends."""
     if "extends" not in document:
         return document

@@ -29,7 +29,7 @@ _REPR.maxstring = _REPR.maxother = 60
 Path = Sequence[str | int]
 
 
-class Source:
+class DescriptionSource:
     """Where a description came from: names file, line and key of what is wrong with it."""
 
     def __init__(self, name: str, root: yaml.Node | None = None) -> None:
@@ -76,9 +76,9 @@ def _key(path: Path) -> str:
     return text
 
 
-def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
+def read_document(text: str, source_name: str) -> tuple[dict[str, Any], DescriptionSource]:
     """The YAML mapping of a text; DescriptionError where it is none, too large, or gives a key twice."""
-    source = Source(source_name)
+    source = DescriptionSource(source_name)
     if len(text) > MAX_TEXT:
         raise source.error(f"longer than {MAX_TEXT} characters: this is not a protocol description")
     try:
@@ -89,12 +89,12 @@ def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
         raise source.error(f"no YAML{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}") from error
     if not isinstance(document, dict) or root is None:
         raise source.error(f"expected a mapping with the keys {', '.join(Description.model_fields)}")
-    source = Source(source_name, root)
+    source = DescriptionSource(source_name, root)
     _refuse_repeated_keys(root, (), source)
     return document, source
 
 
-def _refuse_repeated_keys(node: yaml.Node, path: tuple[str | int, ...], source: Source) -> None:
+def _refuse_repeated_keys(node: yaml.Node, path: tuple[str | int, ...], source: DescriptionSource) -> None:
     if isinstance(node, yaml.MappingNode):
         seen = set()
         for key, value in node.value:
@@ -107,7 +107,7 @@ def _refuse_repeated_keys(node: yaml.Node, path: tuple[str | int, ...], source: 
             _refuse_repeated_keys(value, (*path, position), source)
 
 
-def validate(document: dict[str, Any], source: Source) -> Description:
+def validate(document: dict[str, Any], source: DescriptionSource) -> Description:
     """The Description of a document; DescriptionError names each wrong key."""
     try:
         return Description.model_validate(document)
@@ -127,7 +127,7 @@ _MODEL_OF: dict[str, type[BaseModel]] = {
 }
 
 
-def _explain(item: Any, source: Source) -> str:
+def _explain(item: Any, source: DescriptionSource) -> str:
     path = [part for part in item["loc"] if part != "[key]"]
     return source.explain(_reason(item, path), path)
 

@@ -3,13 +3,92 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 
-from protocols.description import Description, FieldDescription
-from protocols.placement import Placed, check_words, width
-from protocols.reading import Path, Source
+from protocols.description import MAX_LENGTH_LIMIT, Description, FieldDescription, SlotsDescription
+from protocols.errors import DescriptionError
+from protocols.reading import DescriptionSource, Path
 from protocols.vocabulary import SPARE, Kind, Role, Unit
+
+# Places fields in a record: each at its offset, none on another.
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A field, or a block of slots (``field`` is None), with the bytes that it takes."""
+
+    field: FieldDescription | None
+    offset: int
+    size: int
+    path: Path
+
+    @property
+    def end(self) -> int:
+        """The first byte after it."""
+        return self.offset + self.size
+
+    @property
+    def name(self) -> str:
+        """Its name, for errors."""
+        return self.field.name if self.field else "slots"
+
+
+def place(
+    fields: Sequence[FieldDescription],
+    source: DescriptionSource,
+    path: Path,
+    slots: SlotsDescription | None = None,
+    slots_path: Path = (),
+) -> list[Placed]:
+    """The fields in the order of the description, then the slots; DescriptionError where two overlap."""
+    placed: list[Placed] = []
+    end = 0
+    for number, field in enumerate(fields):
+        offset = end if field.offset is None else field.offset
+        placed.append(Placed(field, offset, width(field) * (field.array or 1), (*path, number)))
+        end = placed[-1].end
+    if slots is not None:
+        record = max(p.end for p in place(slots.fields, source, (*slots_path, "fields")))
+        offset = end if slots.offset is None else slots.offset
+        placed.append(Placed(None, offset, record * slots.repeat, slots_path))
+    _refuse_overlaps(placed, source)
+    return placed
+
+
+def width(field: FieldDescription) -> int:
+    """Bytes of one number of this field."""
+    return int(field.type[1:]) // 8
+
+
+def check_words(field: FieldDescription, source: DescriptionSource, path: Path) -> None:
+    """Refuses names of bits and values that the type does not have, and a name that stands twice."""
+    bits = 8 * width(field)
+    for key, words, largest in (("bits", field.bits or {}, bits - 1), ("values", field.values or {}, 2**bits - 1)):
+        for number in words:
+            if number > largest:
+                raise source.error(f"{number} does not fit {field.type}", (*path, key))
+        if len(set(words.values())) < len(words):
+            raise source.error("the same word is given twice", (*path, key))
+
+
+def _refuse_overlaps(placed: Sequence[Placed], source: DescriptionSource) -> None:
+    ordered = sorted(placed, key=lambda p: p.offset)
+    for before, after in pairwise(ordered):
+        if after.offset < before.end:
+            raise _overlap(before, after, source)
+    for item in ordered:
+        if item.end > MAX_LENGTH_LIMIT:
+            raise source.error(f"{item.name} ends at byte {item.end}, over the {MAX_LENGTH_LIMIT} allowed", item.path)
+
+
+def _overlap(before: Placed, after: Placed, source: DescriptionSource) -> DescriptionError:
+    return source.error(
+        f"{after.name} at offset {after.offset} overlaps {before.name}, which takes the bytes "
+        f"{before.offset} to {before.end - 1}",
+        after.path,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +117,7 @@ def order_of(byte_order: str) -> str:
 
 
 def compile_record(
-    placed: Sequence[Placed], roles: Mapping[str, Role], size: int, description: Description, source: Source
+    placed: Sequence[Placed], roles: Mapping[str, Role], size: int, description: Description, source: DescriptionSource
 ) -> tuple[tuple[FieldLayout, ...], np.dtype[np.void]]:
     """The standard fields among those placed, and the dtype of ``size`` bytes that reads them."""
     layouts: list[FieldLayout] = []
@@ -80,13 +159,13 @@ def _layout(field: FieldDescription, role: Role, description: Description) -> Fi
     )
 
 
-def _check_spare(field: FieldDescription, source: Source, path: Path) -> None:
+def _check_spare(field: FieldDescription, source: DescriptionSource, path: Path) -> None:
     for key in ("unit", "scale", "min", "max", "bits", "values"):
         if getattr(field, key) is not None:
             raise source.error(f"a {SPARE} field has none: its value is not used", (*path, key))
 
 
-def _check_field(field: FieldDescription, role: Role, source: Source, path: Path) -> None:
+def _check_field(field: FieldDescription, role: Role, source: DescriptionSource, path: Path) -> None:
     if role.units and field.unit not in role.units:
         was = f"is {field.unit!r:.60}: " if field.unit is not None else "is missing: "
         raise source.error(f"{was}expected one of {', '.join(role.units)}", (*path, "unit"))

@@ -14,9 +14,9 @@ from pydantic import BaseModel
 from drivers.chunk import LinkKind
 from gse.cli import cli
 from gse.config.station import Station
-from gse.identifier_options import PLUG_KEYS
-from gse.recording.event_kinds import RecorderKind
-from gse.station.event_kinds import StationKind
+from gse.recording.session_format import RecorderKind
+from gse.station.events import StationKind
+from gse.values.identifier_options import PLUG_KEYS
 
 ROOT = Path(__file__).parents[1]
 TEXTS = sorted(

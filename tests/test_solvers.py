@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
 
-from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.external.answers import ExternalAnswer
 from gse.external.identifier import RunningIdentifier
 from gse.external.panoramas import SensorDescription, WireUnit
 from gse.external.plugs import plug_of
-from gse.identifier_options import IdentifierOptions
-from gse.panorama import Panorama
-from gse.spiral import spiral_directions
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
+from gse.values.spiral import spiral_directions
 
 SOLVERS = Path(__file__).parents[1] / "benchmarks" / "solvers"
 SENSOR = SensorDescription("made", FIELD_14_DEG, 4096)

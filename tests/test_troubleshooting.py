@@ -63,9 +63,8 @@ def messages():
 
 
 _CAUSES = (
-    *("gross_causes", "gross_hypotheses", "gross_turns", "fine_causes", "fine_findings"),
-    *("diagnosis", "plain_findings", "misplaced_stars", "focus", "unexplained"),
-    *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas"),
+    *("gross_causes", "fine_causes", "fine_findings", "diagnosis", "plain_findings", "misplaced_stars"),
+    *("sensor_convention", "sensor_findings", "sensor_health"),
 )
 
 
@@ -80,7 +79,12 @@ def causes():
     for name in _CAUSES:
         tree = ast.parse(source_of(name))
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "of"):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in (
+                "Finding",
+                "FineHypothesis",
+                "GrossHypothesis",
+                "of",
+            ):
                 yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant) and arg.value)
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "CLOCK_SCALES":
                 yield from ast.literal_eval(node.value)

@@ -1,19 +1,218 @@
 """Faults put into a stream of chunks: bytes, then frames, then the port, then the computer."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from itertools import groupby
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
+
+import numpy as np
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
-from drivers.faults.byte_faults import ByteFaults
-from drivers.faults.frame_faults import FrameFaults, FrameFinder, Piece
-from drivers.faults.options import NS_PER_S, Faults, Outage, Places
+from drivers.faults.options import BYTE_KINDS, FRAME_KINDS, NS_PER_S, Faults, Outage, Places
 from drivers.mock.timestamped_port import Item
 from drivers.uart import received_at
 
+# Faults of single bytes: inverted, lost, doubled, inserted, drowned in noise.
+
+_NOISE_BYTES = (8, 64)
+
+
+class ByteFaults:
+    """Edits the bytes of a stream at places given by their offset in the source."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._kinds = [
+            (kind, Places(faults.random(f"{kind} places"), faults.rate(kind)), faults.random(f"{kind} values"))
+            for kind in BYTE_KINDS
+            if faults.rate(kind) > 0
+        ]
+
+    def edit(self, offset: int, data: bytes) -> tuple[bytes, list[str]]:
+        """The bytes from ``offset`` of the source on with their faults, and a description of each fault."""
+        edits = [
+            (place, kind, random) for kind, places, random in self._kinds for place in places.before(offset + len(data))
+        ]
+        if not edits:
+            return data, []
+        pieces = [data[n : n + 1] for n in range(len(data))]
+        texts = []
+        # By kind, each kind in order of place: every kind draws from its own stream, whatever the others do.
+        for place, kind, random in edits:
+            n = place - offset
+            pieces[n], text = _EDITS[kind](pieces[n], random)
+            texts.append(f"{text} at byte {place}")
+        return b"".join(pieces), texts
+
+
+def _flip(piece: bytes, random: np.random.Generator) -> tuple[bytes, str]:
+    bit = int(random.integers(8))
+    return bytes([piece[0] ^ 1 << bit]) + piece[1:], f"flip: bit {bit}"
+
+
+def _drop(piece: bytes, random: np.random.Generator) -> tuple[bytes, str]:
+    return b"", "drop: a byte lost"
+
+
+def _double(piece: bytes, random: np.random.Generator) -> tuple[bytes, str]:
+    return piece * 2, "double: twice the byte"
+
+
+def _insert(piece: bytes, random: np.random.Generator) -> tuple[bytes, str]:
+    return random.bytes(1) + piece, "insert: a byte more"
+
+
+def _noise(piece: bytes, random: np.random.Generator) -> tuple[bytes, str]:
+    burst = random.bytes(int(random.integers(_NOISE_BYTES[0], _NOISE_BYTES[1] + 1)))
+    return burst + piece, f"noise: {len(burst)} bytes"
+
+
+_EDITS: dict[str, Callable[[bytes, np.random.Generator], tuple[bytes, str]]] = {
+    "flip": _flip,
+    "drop": _drop,
+    "double": _double,
+    "insert": _insert,
+    "noise": _noise,
+}
+
+
+# Faults of whole frames: lost, doubled, swapped; acknowledgements lost.
+
+MAX_HELD_BYTES = 4096
+"""Longest frame; a longer one is a stream without frame starts and is passed on."""
+
+
+@dataclass(frozen=True, slots=True)
+class FramePiece:
+    """Bytes of one chunk within one frame: ``offset`` is theirs in the source, ``frame`` counts frame starts."""
+
+    chunk: Chunk
+    offset: int
+    frame: int
+    is_start: bool = False
+    is_ack: bool = False
+
+
+class FrameFinder:
+    """Cuts chunks at the starts of frames; a start that is cut by the end of a chunk is held until the next."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._start, self._ack_start = faults.frame_start, faults.ack_start
+        self._head_bytes = max(len(self._start), len(self._ack_start))
+        self._held: list[Chunk] = []
+        self._offset = 0
+        self._frame = 0
+
+    def feed(self, chunk: Chunk) -> list[FramePiece]:
+        """The pieces that are certain now, in order, each with the stamps of its chunk."""
+        self._held.append(chunk)
+        text = b"".join(held.data for held in self._held)
+        keep = self._undecided(text)
+        return self._release(text, len(text) - keep)
+
+    def nothing(self, chunk: Chunk) -> FramePiece:
+        """An empty chunk as the piece it is."""
+        return FramePiece(chunk, self._offset, self._frame)
+
+    def finish(self) -> list[FramePiece]:
+        """What was held."""
+        text = b"".join(held.data for held in self._held)
+        return self._release(text, len(text))
+
+    def _undecided(self, text: bytes) -> int:
+        """How many bytes at the end may be the beginning of a start, or of a frame's head."""
+        last = text.rfind(self._start)
+        if last >= 0 and len(text) - last < self._head_bytes:
+            return len(text) - last
+        for size in range(min(len(self._start) - 1, len(text)), 0, -1):
+            if text.endswith(self._start[:size]):
+                return size
+        return 0
+
+    def _release(self, text: bytes, size: int) -> list[FramePiece]:
+        starts = set()
+        place = text.find(self._start)
+        while 0 <= place < size:
+            starts.add(place)
+            place = text.find(self._start, place + 1)
+        pieces: list[FramePiece] = []
+        begin = 0
+        while self._held and begin < size:
+            chunk = self._held.pop(0)
+            end = begin + len(chunk.data)
+            edges = sorted({begin, min(end, size), *(start for start in starts if begin < start < min(end, size))})
+            for left, right in pairwise(edges):
+                is_start = left in starts
+                self._frame += is_start
+                part = Chunk(chunk.utc_ns, chunk.mono_ns, text[left:right])
+                is_ack = is_start and text.startswith(self._ack_start, left)
+                pieces.append(FramePiece(part, self._offset + left, self._frame, is_start, is_ack))
+            if end > size:
+                self._held.insert(0, Chunk(chunk.utc_ns, chunk.mono_ns, text[size:end]))
+            begin = end
+        self._offset += size
+        return pieces
+
+
+class FrameFaults:
+    """Loses, doubles and swaps frames."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._rates = {kind: faults.rate(kind) for kind in FRAME_KINDS}
+        self._random = {kind: faults.random(kind) for kind in FRAME_KINDS}
+        self._fate: set[str] = set()
+        self._again: list[FramePiece] = []
+        self._held: list[FramePiece] = []
+        self._held_for = 0
+        self.texts: list[str] = []
+
+    def pass_on(self, piece: FramePiece) -> Iterator[FramePiece]:
+        """The pieces that come out when this one goes in."""
+        if piece.is_start:
+            yield from self._end_of_frame(piece.chunk)
+            self._decide(piece)
+        if self._fate & {"drop_frame", "lost_ack"}:
+            return
+        if "swap_frame" in self._fate and sum(len(held.chunk.data) for held in self._held) < MAX_HELD_BYTES:
+            self._held.append(piece)
+            return
+        if "double_frame" in self._fate and len(self._again) < MAX_HELD_BYTES:
+            self._again.append(piece)
+        yield piece
+
+    def finish(self) -> Iterator[FramePiece]:
+        """What was held for a frame that never came."""
+        held, self._held = self._held, []
+        yield from held
+
+    def _end_of_frame(self, now: Chunk) -> Iterator[FramePiece]:
+        again, self._again = self._again, []
+        yield from _restamped(again, now)
+        if self._held and self._held_for == 0:
+            self._held_for = 1
+        elif self._held:
+            held, self._held = self._held, []
+            yield from _restamped(held, now)
+
+    def _decide(self, piece: FramePiece) -> None:
+        draws = {kind: self._random[kind].random() for kind in FRAME_KINDS}
+        self._fate = {kind for kind, value in draws.items() if value < self._rates[kind]}
+        if not piece.is_ack:
+            self._fate.discard("lost_ack")
+        if self._held:
+            # One frame at a time is on its way behind the next.
+            self._fate.discard("swap_frame")
+        elif "swap_frame" in self._fate:
+            self._held_for = 0
+        self.texts += [f"{kind}: frame {piece.frame}" for kind in FRAME_KINDS if kind in self._fate]
+
+
+def _restamped(pieces: list[FramePiece], now: Chunk) -> Iterator[FramePiece]:
+    for piece in pieces:
+        yield replace(piece, chunk=Chunk(now.utc_ns, now.mono_ns, piece.chunk.data))
+
+
 _STALL_S = (0.2, 3.0)
-_Part = Piece | LinkEvent
+_Part = FramePiece | LinkEvent
 
 
 def inject(
@@ -77,7 +276,7 @@ def _framed(items: Iterator[Item], faults: Faults) -> Iterator[list[_Part]]:
     """Faults of bytes and of frames; what one item gives comes together."""
     finder, byte_faults, frame_faults = FrameFinder(faults), ByteFaults(faults), FrameFaults(faults)
 
-    def edited(pieces: list[Piece]) -> Iterator[_Part]:
+    def edited(pieces: list[FramePiece]) -> Iterator[_Part]:
         for piece in pieces:
             data, texts = byte_faults.edit(piece.offset, piece.chunk.data)
             chunk = Chunk(piece.chunk.utc_ns, piece.chunk.mono_ns, data)
@@ -125,7 +324,7 @@ class _Outages:
             self._waiting.remove(due)
             yield from self._begin(due, part)
 
-    def _begin(self, outage: Outage, piece: Piece) -> Iterator[_Part]:
+    def _begin(self, outage: Outage, piece: FramePiece) -> Iterator[_Part]:
         chunk = piece.chunk
         received = int(self._random.integers(len(chunk.data) + 1))
         yield replace(piece, chunk=Chunk(chunk.utc_ns, chunk.mono_ns, chunk.data[:received]))
@@ -136,7 +335,7 @@ class _Outages:
         self._back = LinkEvent(utc_ns, mono_ns, LinkKind.REOPENED, f"{name} is open")
 
 
-def _is_due(outage: Outage, piece: Piece, start_ns: int) -> bool:
+def _is_due(outage: Outage, piece: FramePiece, start_ns: int) -> bool:
     if outage.after_ns is not None:
         return piece.chunk.mono_ns >= start_ns + outage.after_ns
     return outage.frame is not None and piece.frame >= outage.frame
@@ -148,7 +347,7 @@ def _joined(parts: Iterable[_Part]) -> Iterator[Item]:
         if stamps is None:
             yield from (part for part in group if isinstance(part, LinkEvent))
         else:
-            yield Chunk(*stamps, b"".join(part.chunk.data for part in group if isinstance(part, Piece)))
+            yield Chunk(*stamps, b"".join(part.chunk.data for part in group if isinstance(part, FramePiece)))
 
 
 def _stamps(part: _Part) -> tuple[int, int] | None:

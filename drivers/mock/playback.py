@@ -11,7 +11,7 @@ from drivers.mock.timestamped_port import Item
 from drivers.session_file.file_window import refuse_special
 from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.record_scanner import MAGIC
-from drivers.session_file.records import EVENTS, RX, Damage, Message
+from drivers.session_file.records import EVENTS, RX, Damage, RecordedMessage
 
 RAW_CHUNK_BYTES = 4096
 NS_PER_S = 1_000_000_000
@@ -35,7 +35,7 @@ def _session_parts(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: in
     for part in capture.parts():
         items: list[Item] = []
         for record in part:
-            if isinstance(record, Message):
+            if isinstance(record, RecordedMessage):
                 topic, utc_ns, mono_ns, data = record
                 if from_utc_ns <= utc_ns < to_utc_ns:
                     stamp = (utc_ns, mono_ns)

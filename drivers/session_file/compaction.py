@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from drivers.errors import CaptureError
 from drivers.host_files import sync_folder
 from drivers.session_file.reader import one_file
-from drivers.session_file.records import PROFILE, RX, TX, Attachment, Damage, Message, Record, checksum
+from drivers.session_file.records import PROFILE, RX, TX, Attachment, Damage, Record, RecordedMessage, checksum
 from drivers.whole_file import new_file
 
 CHUNK_BYTES = 64 << 10
@@ -64,7 +64,7 @@ def write_compact(path: Path, records: Iterator[Record]) -> int:
     return count
 
 
-def _add(writer: Writer, channels: dict[str, int], message: Message) -> None:
+def _add(writer: Writer, channels: dict[str, int], message: RecordedMessage) -> None:
     topic = message.topic
     if topic not in channels:
         encoding = "octet-stream" if topic in (RX, TX) else "json"
@@ -89,4 +89,4 @@ def _reads_back_the_same(old: Path, new: Path, count: int) -> bool:
 def _ordered(path: Path) -> Iterator[Record]:
     # A chunk is written when it is full, so an attachment that came amid messages stands before them in the new file.
     yield from (record for record in one_file(path) if isinstance(record, Attachment))
-    yield from (record for record in one_file(path) if isinstance(record, Message))
+    yield from (record for record in one_file(path) if isinstance(record, RecordedMessage))

@@ -14,7 +14,7 @@ from drivers.host_files import READ
 from drivers.session_file.compaction import write_compact
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.reader import one_file
-from drivers.session_file.records import RX, TX, Message
+from drivers.session_file.records import RX, TX, RecordedMessage
 from drivers.session_file.written_bytes import BLOCK_BYTES, WrittenBytes
 
 
@@ -69,7 +69,7 @@ def _recover(path: Path, written: WrittenBytes) -> tuple[Path, int]:
 def _port_bytes(path: Path) -> int:
     try:
         records = one_file(path)
-        return sum(len(item.data) for item in records if isinstance(item, Message) and item.topic in (RX, TX))
+        return sum(len(item.data) for item in records if isinstance(item, RecordedMessage) and item.topic in (RX, TX))
     except CaptureError:
         return 0
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from drivers.errors import CaptureError
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.record_scanner import RecordScanner
-from drivers.session_file.records import CONTINUED, Damage, Message, Record
+from drivers.session_file.records import CONTINUED, Damage, Record, RecordedMessage
 
 MOST_ATTACHMENTS = 1000
 """Names kept to give each file frozen into the segments once."""
@@ -73,7 +73,7 @@ class Capture:
             with FileWindow(segment) as window:
                 walk = RecordScanner(window, segment.name, from_utc_ns=self._from_utc_ns, only=searched)
                 for part in walk.parts():
-                    kinds = {record.topic if isinstance(record, Message) else None for record in part}
+                    kinds = {record.topic if isinstance(record, RecordedMessage) else None for record in part}
                     continued |= CONTINUED in kinds
                     is_plain = kinds <= self._only if self._only is not None else kinds.isdisjoint((None, CONTINUED))
                     yield part if is_plain else [record for record in part if self._gives(record, attached)]
@@ -84,7 +84,7 @@ class Capture:
 
     def _gives(self, record: Record, attached: set[str]) -> bool:
         """Whether a record is for the reader: a wanted message, damage, which is counted, or a new attachment."""
-        if isinstance(record, Message):
+        if isinstance(record, RecordedMessage):
             return self._alone if record.topic == CONTINUED else self._only is None or record.topic in self._only
         if isinstance(record, Damage):
             self._count(record)
@@ -146,6 +146,6 @@ def find_segments(first: Path) -> tuple[list[Path], list[str]]:
     return [found[number] for number in sorted(found)], missing
 
 
-def messages(path: Path | str, topic: str) -> Iterator[Message]:
+def messages(path: Path | str, topic: str) -> Iterator[RecordedMessage]:
     """The messages of one topic of a session."""
-    return (record for record in read_capture(path, only=(topic,)) if isinstance(record, Message))
+    return (record for record in read_capture(path, only=(topic,)) if isinstance(record, RecordedMessage))

@@ -9,27 +9,19 @@ import re
 import struct
 import zlib
 from collections.abc import Container, Iterator, Sequence
+from io import BytesIO
 from itertools import chain
 
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.records import Attachment as McapAttachment
+from mcap.records import Channel, DataEnd, Footer, Header
 from mcap.records import Chunk as McapChunk
-from mcap.records import DataEnd, Footer
 
 from drivers.errors import CaptureError
 from drivers.session_file.file_window import BlockWindow, FileWindow, Window
-from drivers.session_file.record_content import (
-    MAX_CHUNK_BYTES,
-    NotBelievedError,
-    attachment_of,
-    channel_of,
-    header_of,
-    is_index,
-    reason_of,
-    stream_of,
-    unpacked,
-)
 from drivers.session_file.records import (
     CLOCK,
     CONTINUED,
@@ -37,13 +29,113 @@ from drivers.session_file.records import (
     PROFILE,
     RX,
     TX,
+    Attachment,
     Damage,
-    Message,
     Record,
+    RecordedMessage,
     checksum,
     topic_checksum,
 )
-from drivers.session_file.work_limit import STEP_BYTES, WorkLimit
+
+# The work that a session file may cause: bytes unpacked, messages and search steps within chunks, against its size.
+#
+# A few hundred bytes can unpack to megabytes, and megabytes to a hundred thousand messages. What this station writes
+# unpacks to at most 440 times its size (a message of 64 KiB of one value) and has an index entry of 16 bytes in the
+# file
+# for each packed message, so both stay far below the limit.
+
+FREE_BYTES = 64 << 20
+WORK_PER_BYTE = 512
+STEP_BYTES = 4096
+"""What a message within a chunk, or a look for one, counts at least."""
+
+
+class WorkLimit:
+    """Counts the work that one file causes; CaptureError above FREE_BYTES and WORK_PER_BYTE times its size."""
+
+    def __init__(self, file: str, size: int) -> None:
+        self._file, self._size = file, size
+        self._left = FREE_BYTES + WORK_PER_BYTE * size
+
+    def spend(self, size: int) -> None:
+        """So many bytes are unpacked or looked at."""
+        self._left -= size
+        if self._left < 0:
+            raise CaptureError(
+                f"{self._file} unpacks to too much: its {self._size} bytes stand for more than {WORK_PER_BYTE} times "
+                f"as many and {FREE_BYTES >> 20} MiB besides, as no session of this station does; it is not read on"
+            )
+
+
+# What one MCAP record holds, read from its bytes, and checked where its kind has a checksum.
+
+MAX_CHUNK_BYTES = 4 << 20
+"""Unpacked: a few hundred bytes can unpack to very much more."""
+_TOPIC = re.compile("/[!-~]{0,199}")
+
+
+class NotBelievedError(Exception):
+    """Not an intact record."""
+
+
+def header_of(content: bytes) -> Header:
+    """The header of a session; NotBelievedError where bytes are left over."""
+    stream = stream_of(content)
+    header = Header.read(stream)
+    if stream.count != len(content):
+        raise NotBelievedError("no header of a session")
+    return header
+
+
+def channel_of(content: bytes) -> Channel:
+    """A channel with a topic as this station writes them."""
+    stream = stream_of(content)
+    channel = Channel.read(stream)
+    if stream.count != len(content) or channel.schema_id != 0 or not _TOPIC.fullmatch(channel.topic):
+        raise NotBelievedError("no channel of a session")
+    return channel
+
+
+def is_index(opcode: int, content: bytes) -> bool:
+    """Whether this is the message index that follows a chunk: channel u16, size u32, entries of 16 bytes."""
+    return opcode == Opcode.MESSAGE_INDEX and content[2:6] == struct.pack("<I", len(content) - 6)
+
+
+def attachment_of(content: bytes) -> Attachment:
+    """An attachment whose checksum is right."""
+    if len(content) < 4 or zlib.crc32(content[:-4]) != struct.unpack("<I", content[-4:])[0]:
+        raise NotBelievedError("attachment with a wrong checksum")
+    attachment = McapAttachment.read(stream_of(content))
+    return Attachment(attachment.name, attachment.media_type, attachment.data)
+
+
+def unpacked(chunk: McapChunk) -> bytes:
+    """The content of a chunk, as far as it can be unpacked."""
+    if chunk.compression == "":
+        return bytes(chunk.data)
+    if chunk.compression != "zstd":
+        raise NotBelievedError(f"chunk with unknown compression {chunk.compression[:20]!r}")
+    unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES).decompressobj()
+    block = bytearray()
+    try:
+        for start in range(0, len(chunk.data), 1024):
+            block += unpacker.decompress(chunk.data[start : start + 1024])
+            if unpacker.eof or len(block) > MAX_CHUNK_BYTES:
+                break
+    except zstandard.ZstdError:
+        pass
+    return bytes(block[:MAX_CHUNK_BYTES])
+
+
+def stream_of(content: bytes) -> ReadDataStream:
+    """The bytes as the mcap package reads them."""
+    return ReadDataStream(BytesIO(content))
+
+
+def reason_of(error: BaseException) -> str:
+    """Why a record is not believed, in words for a damage."""
+    return str(error) if isinstance(error, NotBelievedError) else "no whole record"
+
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 16 << 20
@@ -136,7 +228,7 @@ class RecordScanner:
             except (NotBelievedError, *_BROKEN):
                 # A footer is proven by its place, and may have no magic after it all the same.
                 records, offset = [], start + 1
-            if any(isinstance(record, Message) for record in records):
+            if any(isinstance(record, RecordedMessage) for record in records):
                 return True
         return False
 
@@ -251,14 +343,14 @@ class RecordScanner:
             raise NotBelievedError("no record of a session")
         return []
 
-    def _messages(self, offset: int) -> tuple[list[Message], int]:
+    def _messages(self, offset: int) -> tuple[list[RecordedMessage], int]:
         """The messages from an offset of a block on, up to the first that is not an intact message of a known channel,
         and its offset.
 
         A session has up to a million of them, so each takes one look at the block; all other records are checked
         elsewhere.
         """
-        messages: list[Message] = []
+        messages: list[RecordedMessage] = []
         if isinstance(self._window, FileWindow):
             return messages, offset
         block, size, count = self._window.block, self._window.size, 0
@@ -275,24 +367,24 @@ class RecordScanner:
             if zlib.crc32(block[offset + _STAMPS_AT : following], seed) != crc:
                 break
             if is_wanted:
-                messages.append(Message(topic, utc_ns, mono_ns, block[data_at:following]))
+                messages.append(RecordedMessage(topic, utc_ns, mono_ns, block[data_at:following]))
             count += 1
             offset = following
         self._limit.spend(STEP_BYTES * count)
         return messages, offset
 
-    def _message(self, content: bytes) -> Message:
+    def _message(self, content: bytes) -> RecordedMessage:
         channel, crc, utc_ns, mono_ns = _MESSAGE.unpack_from(content)
         data = content[_MESSAGE.size :]
         topic = self._topics.get(channel, "")
         if checksum(topic, utc_ns, mono_ns, data) == crc:
-            return Message(topic, utc_ns, mono_ns, data)
+            return RecordedMessage(topic, utc_ns, mono_ns, data)
         # Where the record that names the channel was damaged, the checksum still tells which topic it was.
         for topic in list(dict.fromkeys((*_ALWAYS, *self._topics.values())))[:MOST_TOPICS_TRIED]:
             if self._is_chunk:
                 self._limit.spend(len(data))
             if checksum(topic, utc_ns, mono_ns, data) == crc:
-                return Message(topic, utc_ns, mono_ns, data)
+                return RecordedMessage(topic, utc_ns, mono_ns, data)
         raise NotBelievedError("message with a wrong checksum")
 
     def _chunk(self, content: bytes, offset: int) -> list[Record]:
@@ -307,7 +399,7 @@ class RecordScanner:
         inside = self._inside(block, offset, self._only if whole else None)
         records = [record for part in inside._parts(0) for record in part]
         if not whole:
-            if not any(isinstance(record, Message) for record in records):
+            if not any(isinstance(record, RecordedMessage) for record in records):
                 raise NotBelievedError("chunk with a wrong checksum")
             records.append(Damage(self._file, offset, len(content) + 9, "chunk with a wrong checksum, read in part"))
         return records

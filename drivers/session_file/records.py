@@ -31,7 +31,7 @@ PROFILE = "gse-session"
 _KIND = re.compile("[A-Z][A-Z0-9_]{0,39}")
 
 
-class Message(NamedTuple):
+class RecordedMessage(NamedTuple):
     """One message of a session: raw bytes of a port, an event, a derived result."""
 
     topic: str
@@ -74,7 +74,7 @@ class Damage:
     reason: str
 
 
-Record = Message | Attachment | Damage
+Record = RecordedMessage | Attachment | Damage
 
 
 def checksum(topic: str, utc_ns: int, mono_ns: int, data: bytes) -> int:
@@ -88,26 +88,26 @@ def topic_checksum(topic: str) -> int:
     return zlib.crc32(topic.encode() + b"\0")
 
 
-def event_message(event: LinkEvent) -> Message:
+def event_message(event: LinkEvent) -> RecordedMessage:
     """An event as the message of /events that holds it."""
     document = {"kind": event.kind, "text": event.text}
-    return Message(EVENTS, event.utc_ns, event.mono_ns, json.dumps(document, ensure_ascii=False).encode())
+    return RecordedMessage(EVENTS, event.utc_ns, event.mono_ns, json.dumps(document, ensure_ascii=False).encode())
 
 
 class MessageWriter:
     """Writer of messages: received bytes, sent bytes, events and derived results."""
 
-    def write(self, message: Message) -> None:
+    def write(self, message: RecordedMessage) -> None:
         """Any message."""
         raise NotImplementedError
 
     def rx(self, chunk: Chunk) -> None:
         """Bytes that came from the port."""
-        self.write(Message(RX, chunk.utc_ns, chunk.mono_ns, chunk.data))
+        self.write(RecordedMessage(RX, chunk.utc_ns, chunk.mono_ns, chunk.data))
 
     def tx(self, chunk: Chunk) -> None:
         """Bytes that went to the port."""
-        self.write(Message(TX, chunk.utc_ns, chunk.mono_ns, chunk.data))
+        self.write(RecordedMessage(TX, chunk.utc_ns, chunk.mono_ns, chunk.data))
 
     def event(self, event: LinkEvent) -> None:
         """Write an event."""
@@ -115,4 +115,4 @@ class MessageWriter:
 
     def derived(self, topic: str, utc_ns: int, json_bytes: bytes) -> None:
         """A result that was derived from the bytes, as JSON."""
-        self.write(Message(topic, utc_ns, 0, json_bytes))
+        self.write(RecordedMessage(topic, utc_ns, 0, json_bytes))

@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.reader import MAX_DAMAGES_KEPT, MOST_ATTACHMENTS, find_segments, session_file
 from drivers.session_file.record_scanner import RecordScanner
-from drivers.session_file.records import CONTINUED, RX, TX, Attachment, Damage, Message
+from drivers.session_file.records import CONTINUED, RX, TX, Attachment, Damage, RecordedMessage
 
 _BLOCK_BYTES = 1 << 20
 _FOOTER_BYTES_IN_CRC = 9 + 16
@@ -98,7 +98,7 @@ def _count_damage(check: FileCheck, damage: Damage) -> None:
         check.damages.append(damage)
 
 
-def _count(check: FileCheck, message: Message) -> None:
+def _count(check: FileCheck, message: RecordedMessage) -> None:
     check.messages[message.topic] += 1
     check.rx_bytes += len(message.data) if message.topic == RX else 0
     check.tx_bytes += len(message.data) if message.topic == TX else 0

@@ -12,7 +12,7 @@ from types import TracebackType
 from mcap.writer import IndexType, Writer
 
 from drivers.errors import CaptureError
-from drivers.session_file.records import CONTINUED, EVENTS, PROFILE, RX, TX, Message, MessageWriter, checksum
+from drivers.session_file.records import CONTINUED, EVENTS, PROFILE, RX, TX, MessageWriter, RecordedMessage, checksum
 from drivers.session_file.retrying_file import RetryingFile
 from drivers.session_file.written_bytes import WrittenBytes
 
@@ -62,12 +62,12 @@ class CaptureWriter(MessageWriter):
         """A file to freeze into the session, into memory only until ``flush``."""
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
-    def write(self, message: Message) -> None:
+    def write(self, message: RecordedMessage) -> None:
         """Any message. OSError when the disk refuses it: it is kept then, and written with the next one."""
         self.put(message)
         self.flush()
 
-    def put(self, message: Message) -> None:
+    def put(self, message: RecordedMessage) -> None:
         """Any message, into memory only until ``flush``: for many at once."""
         # MCAP's clock is unsigned, of 64 bits: before 1970 is stored as 1970, after 2554 as 2554.
         utc_ns, mono_ns = (min(max(stamp, 0), _LAST_NS) for stamp in (message.utc_ns, message.mono_ns))
@@ -115,7 +115,7 @@ class CaptureWriter(MessageWriter):
 
     def continued(self, successor: str, utc_ns: int, mono_ns: int) -> None:
         """Say that the session goes on in another file."""
-        self.write(Message(CONTINUED, utc_ns, mono_ns, successor.encode()))
+        self.write(RecordedMessage(CONTINUED, utc_ns, mono_ns, successor.encode()))
 
     def finish(self) -> None:
         """End the file with its summary, in memory only until ``flush``; no message can follow."""

@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from gse.camera import Camera
-from gse.campaign.atlas import CELLS, PHASE_BINS, PhaseError, Residuals, SessionAtlas, session_atlas
+from gse.campaign.atlas import CELLS, PHASE_BINS, AtlasResiduals, PhaseError, SessionAtlas, session_atlas
 from gse.campaign.star_places import StarOffsets, star_offsets, to_sky
-from gse.constants import ARCSEC_PER_RAD
-from gse.tables.units import field, schema
+from gse.report.table_columns import field, schema
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD
 
 STARS_COLUMNS = (
     *("frame", "utc", "star", "star_id", "x_px", "y_px", "residual_x_arcsec", "residual_y_arcsec"),
@@ -67,7 +67,7 @@ def session_errors(stars: pa.Table, frames: pa.Table, camera: Camera) -> Session
     if not len(stars):
         return None
     columns = {name: stars[name].to_numpy() for name in STARS_COLUMNS if name not in ("star", "utc")}
-    of = Residuals(
+    of = AtlasResiduals(
         _pair(columns, "residual_x_arcsec", "residual_y_arcsec"),
         _pair(columns, "x_px", "y_px"),
         _pair(columns, "phase_x_px", "phase_y_px"),

@@ -28,7 +28,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from gse.campaign.packed_row import unpacked
 from gse.campaign.sources import MOST_SESSIONS
 from gse.campaign.storage import (
     StorageError,
@@ -40,8 +39,30 @@ from gse.campaign.storage import (
     read_whole,
 )
 from gse.errors import UsageError
-from gse.tables import SCHEMA_VERSION
-from gse.tables.parquet import FOOTER_LIMITS, MOST_BYTES_PER_ROW, MOST_ROWS, check_size, write_parquet
+from gse.report.parquet import FOOTER_LIMITS, MOST_BYTES_PER_ROW, MOST_ROWS, check_size, write_parquet
+from gse.report.table_columns import SCHEMA_VERSION
+
+# The row of a session on its way from a worker: the index is made of rows that no file has to be read for.
+
+_CODEC = "zstd"
+_SIZE_BYTES = 8
+
+
+def packed(row: pa.Table) -> bytes:
+    """A table of few rows in Arrow's IPC format, compressed as a whole: 900 short columns are mostly padding."""
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, row.schema) as writer:
+        writer.write_table(row)
+    plain = sink.getvalue()
+    small: bytes = pa.compress(plain, _CODEC, asbytes=True)
+    return len(plain).to_bytes(_SIZE_BYTES, "little") + small
+
+
+def unpacked(data: bytes) -> pa.Table:
+    """The table again."""
+    size = int.from_bytes(data[:_SIZE_BYTES], "little")
+    return pa.ipc.open_stream(pa.decompress(data[_SIZE_BYTES:], size, _CODEC)).read_all()
+
 
 SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 MARK = "dataset.json"
@@ -173,7 +194,7 @@ class DataSet:
     def sessions(self, columns: Sequence[str] | None = None, packed_rows: Mapping[str, bytes] = _NONE) -> pa.Table:
         """The rows of all sessions, with sensor and night, without report.json; from the index where that has them.
 
-        ``packed_rows`` by key are not read from files either (gse.campaign.packed_row); they have all columns.
+        ``packed_rows`` by key are not read from files either (gse.campaign.dataset); they have all columns.
         """
         wanted = None if columns is None else list(dict.fromkeys((*columns, "sensor", "night", "key")))
         places = self.committed()

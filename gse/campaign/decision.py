@@ -16,14 +16,12 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from gse.assessment.requirements import Requirement, requirement_named
 from gse.campaign.nights import Session, weighted
-from gse.count_text import count_text
-from gse.limits import Decision
-from gse.percent import percent
 from gse.station.results import Verdict
-from gse.statistics.decision import Outcome, Share, share_of, share_outcome
-from gse.statistics.guard_band import exceeds, further_share, guard, keeps
+from gse.statistics.decision import Outcome, Share, exceeds, further_share, guard, keeps, share_of, share_outcome
+from gse.values.limits import Decision
+from gse.values.text import count_text, percent
+from gse.verdict.requirements import Requirement, requirement_named
 
 ONE_SIDED = 0.95
 _AGAINST = (Outcome.FAIL, Outcome.INCONCLUSIVE)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from gse.assessment.requirements import HOST_TIME, STATED_TIME
 from gse.campaign.dataset import UNKNOWN, DataSet
 from gse.campaign.decision import CampaignRow, campaign_rows, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
@@ -16,11 +15,12 @@ from gse.campaign.nights import Session, by_night, nightly, sessions_of
 from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
 from gse.campaign.star_places import SIGMAS
 from gse.campaign.trends import thermal, trends
-from gse.count_text import count_text
-from gse.limits import Decision
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import DECISION_TEXT, Outcome
+from gse.values.limits import Decision
+from gse.values.text import count_text
+from gse.verdict.requirements import HOST_TIME, STATED_TIME
 
 SCHEMA = "gse.campaign-report/1"
 MOST_STARS = 20

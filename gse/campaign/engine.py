@@ -16,9 +16,9 @@ from distributed.scheduler import KilledWorker
 
 from gse.campaign.cluster import RETRIES, past_lost_workers
 from gse.campaign.dataset import DataSet
-from gse.campaign.judging import LIMIT_S, Job, Judged, judge_source
+from gse.campaign.judging import LIMIT_S, Job, JudgedSource, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
-from gse.campaign.sources import Source
+from gse.campaign.sources import SessionSource
 from gse.campaign.storage import StorageError, with_patience
 from gse.config.choice import StationText
 from gse.errors import CampaignError
@@ -30,12 +30,12 @@ class Campaign:
 
     job: Job
     dataset: DataSet
-    todo: tuple[Source, ...]
-    unchanged: tuple[Judged, ...]
+    todo: tuple[SessionSource, ...]
+    unchanged: tuple[JudgedSource, ...]
 
 
 def plan_campaign(
-    sources: Iterable[Source],
+    sources: Iterable[SessionSource],
     dataset: DataSet,
     *,
     station: StationText | None = None,
@@ -54,13 +54,15 @@ def plan_campaign(
         if row is None or place is None:
             todo.append(source)
         else:
-            unchanged.append(Judged(source, place.key, row["session_sha256"], sensor=place.sensor, night=place.night))
+            unchanged.append(
+                JudgedSource(source, place.key, row["session_sha256"], sensor=place.sensor, night=place.night)
+            )
     return Campaign(job, dataset, tuple(todo), tuple(unchanged))
 
 
 def run_campaign(
-    campaign: Campaign, client: Client, each: Callable[[Judged], None] = lambda judged: None
-) -> list[Judged]:
+    campaign: Campaign, client: Client, each: Callable[[JudgedSource], None] = lambda judged: None
+) -> list[JudgedSource]:
     """Judge what is new; the outcome of every source, those that were unchanged first.
 
     CampaignError where the scheduler goes away, or the data set's storage is gone or full: what was judged until then
@@ -82,7 +84,7 @@ def run_campaign(
     return outcomes
 
 
-def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
+def _run(campaign: Campaign, client: Client) -> Iterator[JudgedSource]:
     futures = {
         # A key of this run's own: another campaign on the same scheduler may have the same source.
         client.submit(
@@ -104,18 +106,18 @@ def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
             ) from error
 
 
-def _outcome(future: Any, source: Source) -> Judged:
+def _outcome(future: Any, source: SessionSource) -> JudgedSource:
     error = future.exception()
     if error is None:
         judged = future.result()
         future.release()
-        assert isinstance(judged, Judged)
+        assert isinstance(judged, JudgedSource)
         return judged
     if isinstance(error, CancelledError):
         raise error
     if isinstance(error, KilledWorker):
-        return Judged(source, error=f"{source.url} ended its workers again and again, perhaps for want of memory")
-    return Judged(source, error=f"{source.url} could not be judged: {type(error).__name__}: {error}")
+        return JudgedSource(source, error=f"{source.url} ended its workers again and again, perhaps for want of memory")
+    return JudgedSource(source, error=f"{source.url} could not be judged: {type(error).__name__}: {error}")
 
 
 def _known(dataset: DataSet, station_sha256: str) -> dict[tuple[str, str], dict[str, Any]]:
@@ -127,12 +129,12 @@ def _known(dataset: DataSet, station_sha256: str) -> dict[tuple[str, str], dict[
     }
 
 
-def _rows(outcomes: Iterable[Judged]) -> dict[str, bytes]:
+def _rows(outcomes: Iterable[JudgedSource]) -> dict[str, bytes]:
     """The packed rows of the index, by key."""
     return {one.key: one.row for one in outcomes if one.row}
 
 
-def _source_rows(campaign: Campaign, outcomes: Iterable[Judged]) -> list[dict[str, Any]]:
+def _source_rows(campaign: Campaign, outcomes: Iterable[JudgedSource]) -> list[dict[str, Any]]:
     common = {"station_sha256": campaign.job.station_sha256, "software_sha256": software_sha256()}
     return [
         {
@@ -147,7 +149,7 @@ def _source_rows(campaign: Campaign, outcomes: Iterable[Judged]) -> list[dict[st
     ]
 
 
-def _done(campaign: Campaign, outcomes: list[Judged]) -> str:
+def _done(campaign: Campaign, outcomes: list[JudgedSource]) -> str:
     kept = sum(1 for one in outcomes if one.key)
     return (
         f"at least {kept} of {len(campaign.todo) + len(campaign.unchanged)} sessions are in the data set, each whole: "

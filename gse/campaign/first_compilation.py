@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier.first_compilation import is_compiled
 from gse.process.first_compilation import FirstCompilation, end_with_parent
@@ -16,6 +15,7 @@ from gse.process.jit import machine_code_folder
 from gse.sessions.replay import replay_session
 from gse.simulator.recording import record_simulation
 from gse.truth import EarthOrientation
+from gse.verdict.assessment import judge
 
 _FRAMES, _START_UTC_NS = 20, 1_774_018_800_000_000_000
 

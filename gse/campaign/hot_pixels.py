@@ -8,10 +8,10 @@ import numpy as np
 import pyarrow as pa
 
 from drivers.chunk import LinkEvent
+from gse.report.table_columns import field
 from gse.station.frame_results import FrameResults
 from gse.station.non_stellar import HOT_PIXEL, MAX_HOT
 from gse.station.session_data import SessionData
-from gse.tables.units import field
 
 _PIXEL = pa.struct([field("x_px", pa.int32()), field("y_px", pa.int32()), field("frames", pa.int64())])
 COLUMN = field("hot_pixels_seen", pa.list_(_PIXEL))

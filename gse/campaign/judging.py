@@ -12,8 +12,10 @@ import os
 import socket
 import stat
 import tempfile
+import threading
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,8 +25,6 @@ import pyarrow.parquet as pq
 
 from drivers.errors import DriverError
 from drivers.outside_text import plain_lines
-from gse.assessment.verdict import judge
-from gse.camera import Camera
 from gse.campaign.atlas_table import BORESIGHT_COLUMNS, STARS_COLUMNS, atlas_table, session_errors
 from gse.campaign.dataset import (
     ATLAS,
@@ -35,26 +35,61 @@ from gse.campaign.dataset import (
     UNKNOWN,
     Committed,
     DataSet,
+    packed,
     with_place,
     without_place,
 )
 from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
 from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
-from gse.campaign.packed_row import packed
-from gse.campaign.sources import Source
-from gse.campaign.storage import StorageError, copy_here, explained, protocol_of, with_patience
-from gse.campaign.time_limit import time_limit, was_too_long
+from gse.campaign.sources import SessionSource
+from gse.campaign.storage import PARTS, StorageError, copy_here, explained, protocol_of, put_whole, with_patience
 from gse.config.choice import StationText
 from gse.errors import GseError
 from gse.process.release_memory import give_back
 from gse.process.without_pandas import spare_pandas
 from gse.report import summarise
+from gse.report.frames_table import frames_parts
+from gse.report.parquet import write_parquet
+from gse.report.result_key import ResultKey
+from gse.report.sessions_table import failed_session, sessions_table
+from gse.report.stars_table import stars_parts
+from gse.report.table_columns import field
 from gse.sessions.replay import replay_session
 from gse.station.setup import keep_one_sky
-from gse.tables import ResultKey, failed_session, frames_parts, sessions_table, stars_parts
-from gse.tables.parquet import write_parquet
-from gse.tables.units import field
+from gse.values.camera import Camera
+from gse.verdict.assessment import judge
 from protocols import ProtocolError
+
+# The time that a worker may take for one session: Dask knows no such limit.
+#
+# Nothing stops a loop from outside, so a thread of the worker ends its whole process. Before that it leaves a mark in
+# the
+# data set, by which whoever is given the session next in this run knows that it is in vain. A loop that lets no other
+# thread run ends by Dask's ``worker-ttl``.
+
+
+@contextmanager
+def time_limit(limit_s: float, dataset_url: str, name: str) -> Iterator[None]:
+    """End this process where the block takes longer, and leave the mark ``name``."""
+    watch = threading.Timer(limit_s, _end_process, (dataset_url, name))
+    watch.daemon = True
+    watch.start()
+    try:
+        yield
+    finally:
+        watch.cancel()
+
+
+def was_too_long(dataset_url: str, name: str) -> bool:
+    """Whether a worker ended with this mark."""
+    return with_patience(dataset_url, lambda fs, root: bool(fs.exists(f"{root}/{PARTS}/{name}")))
+
+
+def _end_process(dataset_url: str, name: str) -> None:
+    with suppress(Exception):
+        with_patience(dataset_url, lambda fs, root: put_whole(fs, root, f"{PARTS}/{name}", b""))
+    os._exit(1)
+
 
 LIMIT_S = 3600.0
 """A night of 8 h at 10 Hz takes 46 s of one core."""
@@ -76,7 +111,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedSource:
     """Outcome of one source; ``is_new`` where this run wrote its results, ``error`` says why it has no verdict.
 
     ``key`` is empty where nothing could be kept: its storage failed, or it ended its workers. ``ends_run`` where the
@@ -84,7 +119,7 @@ class Judged:
     of a new session in the index.
     """
 
-    source: Source
+    source: SessionSource
     key: str = ""
     session_sha256: str = ""
     verdict: str | None = None
@@ -96,7 +131,7 @@ class Judged:
     row: bytes = b""
 
 
-def judge_source(source: Source, job: Job) -> Judged:
+def judge_source(source: SessionSource, job: Job) -> JudgedSource:
     """Judge a session and put its results into the data set; what is there already is not judged again."""
     spare_pandas()
     try:
@@ -107,25 +142,27 @@ def judge_source(source: Source, job: Job) -> Judged:
             key = ResultKey(found, job.station_sha256, software_sha256())
             known = _committed(job).get(key.text)
             if known is not None:
-                return Judged(source, key.text, found, sensor=known.sensor, night=known.night)
+                return JudgedSource(source, key.text, found, sensor=known.sensor, night=known.night)
             mark = f"too-long-{job.name}-{key.text}"
             if was_too_long(job.dataset_url, mark):
                 limit = f"{source.url} takes more than {job.limit_s / 60:g} minutes"
-                return Judged(source, error=f"{limit}; --session-limit gives it more")
+                return JudgedSource(source, error=f"{limit}; --session-limit gives it more")
             with time_limit(job.limit_s, job.dataset_url, mark):
                 result = _judged(first, key, job, source, folder)
             if session_sha256(segments) != found or read_before != _state_here(source):
-                return Judged(source, error=f"{source.url} changed while it was read; is its session still running?")
+                return JudgedSource(
+                    source, error=f"{source.url} changed while it was read; is its session still running?"
+                )
             with_patience(job.dataset_url, lambda fs, root: _put(DataSet(job.dataset_url, fs, root), result))
     except StorageError as error:
-        return Judged(source, error=str(error), ends_run=error.is_full or error.url == job.dataset_url)
+        return JudgedSource(source, error=str(error), ends_run=error.is_full or error.url == job.dataset_url)
     except OSError as error:
-        return Judged(source, error=str(explained(error, error.filename or source.url)))
+        return JudgedSource(source, error=str(explained(error, error.filename or source.url)))
     finally:
         keep_one_sky()
         give_back()
     place = result.place
-    return Judged(
+    return JudgedSource(
         source, key.text, found, result.verdict, place.sensor, place.night, result.error, is_new=True, row=result.row
     )
 
@@ -141,7 +178,7 @@ class _Result:
     row: bytes
 
 
-def _here(source: Source, folder: Path) -> tuple[Path, list[Path], str]:
+def _here(source: SessionSource, folder: Path) -> tuple[Path, list[Path], str]:
     """First and all segments of a session on this host, copied into a folder from others; its state before."""
     state = _state_here(source)
     if protocol_of(source.url) == "file":
@@ -152,7 +189,7 @@ def _here(source: Source, folder: Path) -> tuple[Path, list[Path], str]:
     return here[0], here, state
 
 
-def _state_here(source: Source) -> str:
+def _state_here(source: SessionSource) -> str:
     """Size and time of change of the segments of a local session; empty for others. A pipe would never end."""
     if protocol_of(source.url) != "file":
         return ""
@@ -174,7 +211,7 @@ def _scratch() -> str | None:
     return None
 
 
-def _judged(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) -> _Result:
+def _judged(path: Path, key: ResultKey, job: Job, source: SessionSource, folder: Path) -> _Result:
     try:
         result, camera = _results(path, key, job, source, folder)
         return replace(result, files=_with_atlas(result.files, camera, key, folder))
@@ -192,7 +229,7 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) 
         )
 
 
-def _results(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) -> tuple[_Result, Camera]:
+def _results(path: Path, key: ResultKey, job: Job, source: SessionSource, folder: Path) -> tuple[_Result, Camera]:
     given, hot_pixels = job.station, HotPixelCounter()
     replay = replay_session(
         path,
@@ -231,7 +268,7 @@ def _with_stars(path: Path, wanted: pa.Array) -> pa.Table:
         return pa.concat_tables([part.filter(pc.is_in(part["frame"], wanted)) for part in parts])
 
 
-def _failed(key: ResultKey, source: Source, text: str, folder: Path) -> _Result:
+def _failed(key: ResultKey, source: SessionSource, text: str, folder: Path) -> _Result:
     error = plain_lines(text)[:_MOST_ERROR]
     rows = _completed(failed_session(source.url, error, key), pa.nulls(1, COLUMN.type), None)
     place = Committed(UNKNOWN, UNKNOWN, key.text)

@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 
 from gse.config.station import Station
-from gse.tables.key import session_sha256, software_sha256
+from gse.report.result_key import session_sha256, software_sha256
 
 __all__ = ["OWN_STATION", "session_sha256", "software_sha256", "station_sha256"]
 

@@ -12,8 +12,6 @@ from typing import Any
 
 import pyarrow as pa
 
-from gse.assessment.requirements import REQUIREMENTS
-from gse.axis import AXES
 from gse.campaign.dataset import DataSet
 from gse.campaign.hot_pixels import COLUMN
 from gse.campaign.keys import OWN_STATION
@@ -22,6 +20,8 @@ from gse.station.exclusions import Cause
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import Outcome
 from gse.statistics.sampling import MIN_FRAMES
+from gse.values.axis import AXES
+from gse.verdict.requirements import REQUIREMENTS
 
 MOST_WITHOUT_SKY = 0.5
 _INSTANTS = ("first_utc", "last_utc")

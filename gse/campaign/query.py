@@ -12,7 +12,8 @@ from gse.campaign.atlas_table import atlas_schema
 from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
 from gse.campaign.storage import protocol_of
 from gse.errors import UsageError
-from gse.tables import frames_schema, stars_schema
+from gse.report.frames_table import frames_schema
+from gse.report.stars_table import stars_schema
 
 REPORTS = "reports"
 _SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema, ATLAS: atlas_schema}

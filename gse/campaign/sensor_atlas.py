@@ -16,7 +16,7 @@ from gse.campaign.dataset import AGAIN, ATLAS, Committed, DataSet
 from gse.campaign.nights import Session
 from gse.campaign.star_places import NamedStar, StarOffsets, named_stars
 from gse.campaign.storage import StorageError
-from gse.matrices import inv, product, solve
+from gse.values.matrices import inv, product, solve
 
 MIN_NIGHTS = 10
 """From so many sessions on the scatter between them is the error of a mean, below it the errors of each."""

@@ -17,7 +17,7 @@ _GLOB = re.compile(r"[*?\[]")
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Source:
+class SessionSource:
     """A session as it lies: URL of its first segment, those of all, and what tells whether it changed.
 
     ``state`` is size and time of change of each segment.
@@ -29,7 +29,7 @@ class Source:
     state: str
 
 
-def find_sources(wanted: Iterable[str]) -> list[Source]:
+def find_sources(wanted: Iterable[str]) -> list[SessionSource]:
     """The sessions below paths, globs and URLs, each once, in the order of their URLs; UsageError where there are none.
 
     A folder is searched with its subfolders. The further segments of a session belong to its first.
@@ -43,7 +43,7 @@ def find_sources(wanted: Iterable[str]) -> list[Source]:
     return sorted(found.values())
 
 
-def _sources_of(url: str) -> Iterator[Source]:
+def _sources_of(url: str) -> Iterator[SessionSource]:
     fs, path = open_storage(url)
     try:
         files = _files(fs, path, is_glob=bool(_GLOB.search(path)) and not fs.exists(path))
@@ -58,7 +58,7 @@ def _sources_of(url: str) -> Iterator[Source]:
         raise UsageError(f"there is no session (.mcap) in {url}")
     for first, segments in sessions.items():
         infos = [files[name] for name in segments]
-        yield Source(
+        yield SessionSource(
             _url(fs, first, url),
             tuple(_url(fs, name, url) for name in segments),
             sum(int(info.get("size") or 0) for info in infos),

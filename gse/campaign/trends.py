@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from gse.axis import AXES
 from gse.campaign.nights import Session, nightly
 from gse.station.results import Subject
-from gse.statistics.theil_sen import theil_sen
+from gse.statistics.slopes import theil_sen
+from gse.values.axis import AXES
 
 MIN_NIGHTS = 4
 """Fewer show no trend that Sen's interval could bound."""
@@ -20,7 +20,7 @@ _NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
-class Trend:
+class NightTrend:
     """A quantity over the nights, with its slope per 30 days and the 95 % interval of that; NaN of too few nights."""
 
     name: str
@@ -54,7 +54,7 @@ class Thermal:
     range_k: float
 
 
-def trends(nights: dict[str, list[Session]], subject: Subject, scale: dict[str, float]) -> list[Trend]:
+def trends(nights: dict[str, list[Session]], subject: Subject, scale: dict[str, float]) -> list[NightTrend]:
     """The trends of a sensor, none of one night; ``scale`` is the relative error of the focal length of each night."""
     if len(nights) < 2:
         return []
@@ -79,7 +79,7 @@ def trends(nights: dict[str, list[Session]], subject: Subject, scale: dict[str, 
     return [trend(name, unit, values) for name, unit, values in wanted if values]
 
 
-def trend(name: str, unit: str, values: dict[str, float]) -> Trend:
+def trend(name: str, unit: str, values: dict[str, float]) -> NightTrend:
     """The trend of nightly values."""
     known = {night: value for night, value in values.items() if math.isfinite(value) and night != "unknown"}
     numbers = np.array(list(known.values()))
@@ -89,7 +89,7 @@ def trend(name: str, unit: str, values: dict[str, float]) -> Trend:
         slope, low, high = found.slope, found.low, found.high
     std = float(numbers.std(ddof=1)) if len(numbers) > 1 else _NAN
     mean = float(numbers.mean()) if len(numbers) else _NAN
-    return Trend(name, unit, tuple(known), tuple(known.values()), mean, std, slope, low, high)
+    return NightTrend(name, unit, tuple(known), tuple(known.values()), mean, std, slope, low, high)
 
 
 def thermal(nights: dict[str, list[Session]], subject: Subject) -> list[Thermal]:

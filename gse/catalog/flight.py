@@ -22,10 +22,9 @@ from typing import TextIO, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog.names import Designation
-from gse.catalog.stars import Neighbours, StarCatalog
+from gse.catalog.stars import Designation, Neighbours, StarCatalog
 from gse.errors import CatalogError
-from gse.matrices import product
+from gse.values.matrices import product
 
 LIST_COLUMNS = ("id", "ra_deg", "de_deg", "magnitude", "epoch")
 TABLE_COLUMNS = ("id", "x", "y", "z", "magnitude", "n", "neighbours")

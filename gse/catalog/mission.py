@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog.stars import StarCatalog
-from gse.spiral import spiral_directions
+from gse.values.camera import Camera
+from gse.values.spiral import spiral_directions
 
 STARS_PER_FIELD = 20
 """Catalogue stars in a mean field under ``auto``: it leaves at least 8 in nearly every field.

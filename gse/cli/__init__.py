@@ -22,11 +22,11 @@ import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import is_plain, plain_line, plain_lines
-from gse.broken_package import broken_package
 from gse.cli.examples import epilog
 from gse.cli.folding import folded
 from gse.cli.retired import retired
 from gse.errors import GseError
+from gse.process.broken_package import broken_package
 from gse.version import __version__
 from protocols.errors import ProtocolError
 

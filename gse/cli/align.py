@@ -9,17 +9,16 @@ from typing import Any
 import click
 import numpy as np
 
-from gse.attitude import Attitude
 from gse.cli import EXIT_FAIL
-from gse.cli.damage import damage_code
-from gse.cli.new_files import write_new
+from gse.cli.files import damage_code, write_new
 from gse.cli.options import fit_options
 from gse.config.choice import change_to
 from gse.config.edit import with_values
-from gse.mount import Mount
 from gse.station.attitude_error import attitude_error
 from gse.station.mount_alignment import CrossValidation, MeasuredMounts, cross_validated
 from gse.truth import horizon_to_sensor
+from gse.values.attitude import Attitude
+from gse.values.mount import Mount
 
 _NEAR_ZENITH_DEG = 89.9
 
@@ -55,7 +54,7 @@ def command(
     is named, nothing is written without --accept-gross, and the exit code is 1.
     """
     from gse.cli.progress import replay_with_progress
-    from gse.diagnosis.session_gross_cause import gross_finding
+    from gse.diagnosis.gross_causes import gross_finding
     from gse.sessions.replay import ReplayOptions
     from gse.statistics.counted_frames import counted_frames
 

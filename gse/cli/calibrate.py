@@ -6,17 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.calibration.camera_fit import Calibration
-from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
-from gse.cli.damage import damage_code
-from gse.cli.new_files import write_new
+from gse.cli.files import damage_code, write_new
 from gse.cli.options import fit_options, say
 from gse.config.choice import change_to, with_identifier
 from gse.config.edit import with_values
 from gse.errors import TruthError
-from gse.percent import percent
+from gse.imaging.camera_fit import Calibration
+from gse.imaging.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.process.sign_of_life import working
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.text import percent
 
 if TYPE_CHECKING:
     from gse.sessions.panoramas import Recording
@@ -27,7 +26,7 @@ _DIGITS = (4, 4, 4, 8, 8, 8, 8)
 
 @click.command("calibrate")
 @fit_options(
-    write_help="Write the station file with this camera and these hot pixels to a new file.", schema="gse.calibration/1"
+    write_help="Write the station file with this camera and these hot pixels to a new file.", schema="gse.imaging/1"
 )
 @click.option("--tangential", is_flag=True, help="Fit tangential distortion (p1, p2) too.")
 @click.pass_context
@@ -93,10 +92,10 @@ def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
 
 
 def calibration_report(result: SessionCalibration) -> dict[str, Any]:
-    """The JSON of schema gse.calibration/1."""
+    """The JSON of schema gse.imaging/1."""
     fitted = result.calibration
     return {
-        "schema": "gse.calibration/1",
+        "schema": "gse.imaging/1",
         **_values(fitted),
         "mirrored": fitted.camera.mirrored,
         "sigma": dict(zip(_NAMES, _rounded(fitted.sigma), strict=False)),

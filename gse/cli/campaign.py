@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED
-from gse.cli.progress_bar import ProgressBar
+from gse.cli.progress import ProgressBar
 from gse.config.choice import station_of
-from gse.count_text import count_text
 from gse.errors import UsageError
+from gse.values.text import count_text
 
 if TYPE_CHECKING:
     from gse.campaign.dataset import DataSet
-    from gse.campaign.judging import Judged
+    from gse.campaign.judging import JudgedSource
 
 SCHEMA = "gse.campaign-run/1"
 PACKAGES = ("dask", "distributed", "duckdb", "fsspec", "paramiko", "tenacity", "pyarrow")
@@ -158,8 +158,8 @@ def report_command(
     require_packages()
     from gse.campaign.dataset import DataSet
     from gse.campaign.document import campaign_document
-    from gse.campaign.files import write_campaign_report
     from gse.campaign.keys import OWN_STATION, station_sha256
+    from gse.campaign.page import write_campaign_report
     from gse.process.without_pandas import spare_pandas
     from gse.report.printing import find_browser, print_to_pdf
 
@@ -238,7 +238,7 @@ def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
     return lines
 
 
-def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
+def _document(dataset: "DataSet", outcomes: list["JudgedSource"]) -> dict[str, Any]:
     """What became of the sources of this run, whether they were judged now or before."""
     from gse.campaign.dataset import UNKNOWN, DataSet
     from gse.campaign.storage import with_patience

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
-from gse.camera import Camera
 from gse.catalog import load_catalog
-from gse.catalog.credits import credit_of
 from gse.catalog.flight import write_list, write_table
+from gse.catalog.readers import credit_of
+from gse.cli.files import write_new
 from gse.cli.folding import folded
-from gse.cli.new_files import write_new
 from gse.cli.options import json_option, station_option
 from gse.config.choice import station_of
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.identifier import make_identifier
 from gse.process.sign_of_life import working
+from gse.values.camera import Camera
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.assessment.compared_axis import Row
-from gse.assessment.session_comparison import SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
-from gse.cli.damage import damage_code
+from gse.cli.files import damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.sessions.expected_attitudes import ExpectedAttitudes
 from gse.statistics.session_statistics import statistics
+from gse.verdict.compared_axis import ComparedRow
+from gse.verdict.session_comparison import SessionComparison, session_comparison
 
 if TYPE_CHECKING:
     from gse.config.choice import StationText
@@ -226,7 +226,7 @@ def compare_report(result: SessionComparison) -> dict[str, Any]:
     }
 
 
-def _row_report(row: Row) -> dict[str, Any]:
+def _row_report(row: ComparedRow) -> dict[str, Any]:
     return {
         "name": row.name,
         "unit": row.unit,
@@ -295,7 +295,7 @@ def _lines(result: SessionComparison) -> list[str]:
     ]
 
 
-def _metric_line(row: Row) -> str:
+def _metric_line(row: ComparedRow) -> str:
     name = f"{row.name}, {row.unit}".replace("noise equivalent angle", "NEA")
     values = f"{_figure(row.first, '7.3g')}{_figure(row.second, '7.3g')}{_figure(row.difference, '+8.3g')}"
     return f"{name:52}{values}{_figure(row.sigmas, '6.1f')}"
@@ -312,7 +312,7 @@ def _sigmas(value: float) -> str:
     return _figure(value, "7.1f" if abs(value) < 1e4 else "+7.0e")
 
 
-def _line(row: Row) -> str:
+def _line(row: ComparedRow) -> str:
     name = f"{row.name} ({row.unit})" if row.unit else row.name
     values = "".join(_figure(value, "8.4g") for value in (row.first, row.second, row.alike))
     values += _figure(row.difference, "+8.3g") + _sigmas(row.sigmas)

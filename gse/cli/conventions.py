@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL
-from gse.cli.damage import damage_code
+from gse.cli.files import damage_code
 from gse.cli.options import say, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
-from gse.instant import NS_PER_S
 from gse.process.sign_of_life import working
+from gse.values.instant import NS_PER_S
 
 if TYPE_CHECKING:
-    from gse.attitude_convention import AttitudeConvention
     from gse.station.session_data import SessionData
-    from gse.statistics.convention_search import ConventionSearch
+    from gse.statistics.sensor_convention import ConventionSearch
+    from gse.values.attitude_convention import AttitudeConvention
 
 
 @click.command("conventions")
@@ -87,8 +87,7 @@ def _session(path: Path, station_path: Path | None, start_utc: str | None, secon
 
 
 def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[str, Any]:
-    from gse.statistics.convention_search import with_aberration
-    from gse.statistics.sensor_convention import is_wrong
+    from gse.statistics.sensor_convention import is_wrong, with_aberration
 
     named = with_aberration(search)
     return {
@@ -111,8 +110,7 @@ def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[
 
 def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str]:
     """The result for a person."""
-    from gse.statistics.convention_search import with_aberration
-    from gse.statistics.sensor_convention import in_words, is_wrong
+    from gse.statistics.sensor_convention import in_words, is_wrong, with_aberration
 
     kind = "quaternions" if search.quaternions else "angles"
     head = f"{search.answers} answers over {search.duration_s:.0f} s, {kind}"

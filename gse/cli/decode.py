@@ -38,8 +38,7 @@ def command(
     sensor), UTC if it is known, offset, number of bytes, content. Discarded bytes are not an error. A damaged session
     file is one: exit code 3.
     """
-    from gse.inspection.decode import Decoding
-    from gse.inspection.decode_text import explanation, line, piece_json, totals_json, totals_lines
+    from gse.inspection.decode import Decoding, explanation, line, piece_json, totals_json, totals_lines
     from gse.inspection.unknown_capture import look
 
     if tries:

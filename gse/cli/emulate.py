@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.clock import read_clock
-from gse.cli.durations import duration_option
 from gse.cli.folding import folded
-from gse.cli.options import station_option
+from gse.cli.options import duration_option, station_option
 from gse.config.choice import station_of
 from gse.errors import UsageError
-from gse.instant import NS_PER_S, to_text
 from gse.process import sign_of_life
+from gse.values.instant import NS_PER_S, to_text
 
 if TYPE_CHECKING:
-    from gse.simulator.endpoints import Endpoint
+    from gse.simulator.emulator import Endpoint
 
 
 _LAST_PORT = 65535
@@ -103,7 +102,7 @@ def command(
 
 
 def _endpoint(tcp_address: str | None) -> "Endpoint":
-    from gse.simulator.endpoints import TcpEndpoint
+    from gse.simulator.emulator import TcpEndpoint
 
     if tcp_address is None:
         return _pty_endpoint()

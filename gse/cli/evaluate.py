@@ -14,15 +14,81 @@ import click
 from gse.catalog import load_catalog
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
 from gse.cli.campaign import require_packages
-from gse.cli.evaluation_table import table
 from gse.cli.options import IDENTIFIER, PLUG_HELP, station_option
-from gse.cli.progress_bar import ProgressBar
+from gse.cli.progress import ProgressBar
 from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
     from gse.evaluation.paper_sky import PaperSky
-    from gse.evaluation.plan import Counter, Outcome, Plan
+    from gse.evaluation.plan import FrameOutcome, OutcomeCounter, Plan
+
+
+# The tables of ``gse evaluate`` for a person, within 80 columns.
+
+_CELL_HEAD = f"{'identifier':11}{'arcsec':>7}{'mag':>4}{'false':>6}{'miss':>5}"
+
+
+def table(document: dict[str, Any]) -> list[str]:
+    """The report for a person, within 80 columns: shares with their intervals, then frames and times."""
+    from gse.evaluation.plan import KINDS, failure_lines
+
+    shares = [_CELL_HEAD + "".join(f"{kind + ' %':>20}" for kind in KINDS[:2]) + f"{KINDS[2] + ' %':>7}"]
+    rest = [_CELL_HEAD + f"{'frames':>9}{'few':>5}{KINDS[3] + ' %':>9}{'median':>8}{'p95':>8}{'max ms':>8}"]
+    for cell in document["cells"]:
+        about, rates, cpu_ms = _cell(cell), cell["rates"], cell["cpu_ms"]
+        intervals = "".join(f"{_interval(rates[kind]):>20}" for kind in KINDS[:2])
+        shares.append(f"{about}{intervals}{_percent(rates[KINDS[2]], 7)}")
+        few = sum(cell["excluded"].values())
+        line = f"{about}{cell['frames_counted']:9d}{few:5d}{_percent(rates[KINDS[3]], 9)}"
+        rest.append(line + f"{_ms(cpu_ms['median']):>8}{_ms(cpu_ms['p95']):>8}{_ms(cpu_ms['max']):>8}")
+    few_false = sum(cell["excluded"]["false"] for cell in document["cells"])
+    return [
+        *shares,
+        "",
+        *rest,
+        "",
+        f"shares of the frames with at least {document['fewest_stars']} real stars, with 95 % bounds",
+        f"few: frames with fewer stars; false answers in them: {few_false}",
+        "times: CPU time of one call, all frames; of an external identifier its own,",
+        "otherwise by this host's clock",
+        *failure_lines(document["cells"]),
+        *_distinct_star(document),
+    ]
+
+
+def _distinct_star(document: dict[str, Any]) -> list[str]:
+    """Eqs 1 and 2 of the pivot paper in words, where the document has them."""
+    found = document.get("distinct_star")
+    if found is None:
+        return []
+    return [
+        f"eqs 1, 2: one star a field to magnitude {found['magnitude']:.2f} ({found['fields_eq_1']:.0f} fields);",
+        f"the source has {found['stars']}, and {100 * found['fields_with_one']:.1f} % of the fields have one",
+    ]
+
+
+def _cell(cell: dict[str, Any]) -> str:
+    return (
+        f"{cell['identifier']:11.11}{cell['noise_arcsec']:7g}{cell['magnitude_noise']:4g}"
+        f"{cell['false_objects']:6d}{cell['missing_share']:5g}"
+    )
+
+
+def _interval(rate: dict[str, Any]) -> str:
+    if rate["share"] is None:
+        return "-"
+    low, high = rate["interval"]
+    return f"{100 * rate['share']:.2f} [{100 * low:.1f} {100 * high:.1f}]"
+
+
+def _percent(rate: dict[str, Any], width: int) -> str:
+    return f"{'-':>{width}}" if rate["share"] is None else f"{100 * rate['share']:{width}.2f}"
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}" if value < 100 else f"{value:.0f}"
+
 
 BENCHMARK = ("robust", "neighbour", "pivot", "match-group")
 """The identifiers of --panoramas."""
@@ -250,11 +316,11 @@ def _refuse_for_angles(options: dict[str, Any]) -> None:
             )
 
 
-def _run(plan: "Plan", workers: int, scheduler: str | None) -> tuple["Counter", bool]:
+def _run(plan: "Plan", workers: int, scheduler: str | None) -> tuple["OutcomeCounter", bool]:
     """All outcomes counted, or those until Ctrl-C, with progress on stderr."""
-    from gse.evaluation.plan import Counter
+    from gse.evaluation.plan import OutcomeCounter
 
-    counter = Counter(plan)
+    counter = OutcomeCounter(plan)
     try:
         with ProgressBar("evaluating", plan.frames * len(plan.cells)) as bar:
             for chunk in _outcomes(plan, workers, scheduler):
@@ -268,7 +334,7 @@ def _run(plan: "Plan", workers: int, scheduler: str | None) -> tuple["Counter", 
     return counter, False
 
 
-def _outcomes(plan: "Plan", workers: int, scheduler: str | None) -> Iterator[list["Outcome"]]:
+def _outcomes(plan: "Plan", workers: int, scheduler: str | None) -> Iterator[list["FrameOutcome"]]:
     from gse.evaluation.monte_carlo import outcomes
 
     if scheduler is None:
@@ -277,6 +343,6 @@ def _outcomes(plan: "Plan", workers: int, scheduler: str | None) -> Iterator[lis
         raise UsageError("--scheduler has workers of its own; leave out --workers or --scheduler")
 
     require_packages()
-    from gse.campaign.monte_carlo import outcomes_on
+    from gse.campaign.cluster import outcomes_on
 
     return outcomes_on(scheduler, plan)

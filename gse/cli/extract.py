@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.host_files import only_a_file
-from gse.cli.new_files import write_new
+from gse.cli.files import write_new
 from gse.config.choice import station_of
 from gse.errors import TableError
 
@@ -41,7 +41,7 @@ MAX_MAP_BYTES = 1_000_000
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write to this new file instead of stdout.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.panorama/1.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.values.panorama/1.")
 def command(
     *,
     image: Path,
@@ -83,7 +83,7 @@ def _as_table(objects: "Objects", decimals: int) -> str:
 def _as_json(objects: "Objects", image: Path) -> str:
     xy_px, index = objects
     document = {
-        "schema": "gse.panorama/1",
+        "schema": "gse.values.panorama/1",
         "image": str(image),
         "xy_px": [[round(float(x), 3), round(float(y), 3)] for x, y in xy_px],
         "index": [round(float(value)) for value in index],

@@ -16,7 +16,7 @@ from gse.station.frame_table import MOST_IN_MEMORY
 from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
-    from gse.assessment.verdict import Assessment
+    from gse.verdict.assessment import Assessment
 
 Applied = tuple[int, str]
 """An exit code that applies, and its reason."""
@@ -29,7 +29,7 @@ def judge_as_stated(
     session: SessionData, clock_error_s: float | None, excluded: tuple[Exclusion, ...] = ()
 ) -> "Assessment":
     """Judge a session with the clock error and the excluded times that the operator states."""
-    from gse.assessment.verdict import judge
+    from gse.verdict.assessment import judge
 
     _give_back(session)
     if clock_error_s is not None:
@@ -113,7 +113,7 @@ def say_exit_code(found: list[Applied]) -> int:
 
 def _self_check() -> dict[str, Any] | None:
     """The last self-check of this installation as a report states it; None where it never ran."""
-    from gse.selfcheck.last_result import last_result
+    from gse.selfcheck.result import last_result
 
     result = last_result()
     if result is None:

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import click
 
-from gse import instant
 from gse.cli.options import identifier_option, say, station_option
 from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
-from gse.panorama import Panorama
 from gse.station.frame_json import frame_json
 from gse.station.frame_results import FrameResult
 from gse.station.results import Status
+from gse.values import instant
+from gse.values.panorama import Panorama
 
 
 @click.command("identify")

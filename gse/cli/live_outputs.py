@@ -19,15 +19,15 @@ from gse.cli.options import (
     save_rrd_option,
     view_option,
 )
-from gse.diagnosis.live_diagnosis import LiveDiagnosis
+from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.errors import UsageError
-from gse.instant import to_text
 from gse.sessions.forecast import Forecast
 from gse.station.frame_json import frame_json
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.session_data import SessionData
+from gse.values.instant import to_text
 from gse.view.live_state import LiveState
 from gse.view.status import StatusLine
 

@@ -8,7 +8,7 @@ import click
 from drivers.clock import read_clock
 from gse.cli.status import newest_session
 from gse.errors import UsageError
-from gse.sessions.note_files import leave_note
+from gse.sessions.status_file import leave_note
 from gse.station.notes import note_text
 
 _TAKEN_WITHIN_S = 5.0

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from typing import TextIO, cast
 
 from gse.process import sign_of_life
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 
 LIMIT_CHARS = 16 << 20
 """Some nine minutes of frames as JSON lines at 10 Hz."""

@@ -14,8 +14,8 @@ from gse.cli.status import newest_session
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
-    from gse.assessment.session_plan import SessionPlan
-    from gse.assessment.verdict import Assessment
+    from gse.verdict.assessment import Assessment
+    from gse.verdict.session_plan import SessionPlan
 
 
 @click.command("plan")
@@ -39,8 +39,8 @@ def _newest() -> Path:
 
 
 def _of_session(path: Path, *, as_json: bool) -> int:
-    from gse.assessment.session_plan import minutes_left, plan_like, rows_left
     from gse.cli.progress import judged_with_progress
+    from gse.verdict.session_plan import minutes_left, plan_like, rows_left
 
     judged = judged_with_progress(path)
     session, assessment = judged.session, judged.assessment
@@ -88,7 +88,7 @@ def _more_minutes(minutes: float) -> str:
 
 
 def _planned(plan: "SessionPlan") -> dict[str, Any]:
-    from gse.assessment.planning import PROBABILITY
+    from gse.verdict.planning import PROBABILITY
 
     rows = [
         {

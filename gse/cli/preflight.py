@@ -11,7 +11,7 @@ from gse.cli.folding import folded
 from gse.cli.options import at_option, earth_orientation_option, out_option, station_option
 from gse.config.choice import station_of
 from gse.errors import ConfigError
-from gse.inspection.check import Check, Outcome
+from gse.inspection.plausibility import Check, CheckOutcome
 from gse.truth.iers_tables import GivenTables
 
 
@@ -65,18 +65,22 @@ def command(
         show(
             Check(
                 "station",
-                Outcome.FAIL,
+                CheckOutcome.FAIL,
                 str(error),
                 "run 'gse config check' for details; 'gse config init' writes a station file",
             )
         )
     else:
-        show(Check("station", Outcome.OK, f"{station_path or 'built-in'}: {station.sensor.name}, {station.site.name}"))
+        show(
+            Check(
+                "station", CheckOutcome.OK, f"{station_path or 'built-in'}: {station.sensor.name}, {station.site.name}"
+            )
+        )
         if url is not None:
             station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
         for check in checks(station, out, hours, given_orientation, begins_ns):
             show(check)
-    failed = any(check.outcome is Outcome.FAIL for check in found)
+    failed = any(check.outcome is CheckOutcome.FAIL for check in found)
     if as_json:
         document = {"schema": "gse.preflight/1", "ready": not failed, "checks": [asdict(check) for check in found]}
         click.echo(json.dumps(document))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli.damage import DAMAGED
+from gse.cli.files import DAMAGED
 from gse.cli.finish import (
     applied,
     conclude,

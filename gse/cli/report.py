@@ -10,7 +10,7 @@ import click
 
 from drivers.whole_file import write_whole
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
-from gse.cli.damage import DAMAGED, damage_code
+from gse.cli.files import DAMAGED, damage_code
 from gse.cli.finish import (
     applied,
     conclude,
@@ -31,7 +31,7 @@ from gse.cli.options import (
 from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.process.sign_of_life import working
-from gse.sessions.status_document import read_status
+from gse.sessions.status_file import read_status
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict
 from gse.truth.iers_tables import GivenTables

@@ -7,10 +7,10 @@ import click
 
 from drivers.clock import read_clock
 from gse.cli import EXIT_FAIL
-from gse.instant import to_text
+from gse.values.instant import to_text
 
 if TYPE_CHECKING:
-    from gse.selfcheck.result import Row, SelfCheckResult
+    from gse.selfcheck.result import CheckedRow, SelfCheckResult
 
 
 @click.command("selfcheck")
@@ -26,7 +26,7 @@ def command(ctx: click.Context, *, as_json: bool) -> None:
 
     shown: list[str] = []
 
-    def show(row: "Row") -> None:
+    def show(row: "CheckedRow") -> None:
         if row.error not in shown:
             shown.append(row.error)
             click.echo(f"{row.error:38}{'injected':>10}{'found':>10}{'tolerance':>11}")
@@ -38,7 +38,7 @@ def command(ctx: click.Context, *, as_json: bool) -> None:
     ctx.exit(0 if result.agrees else EXIT_FAIL)
 
 
-def _line(row: "Row") -> str:
+def _line(row: "CheckedRow") -> str:
     quantity = f"{row.quantity} ({row.unit})" if row.unit else row.quantity
     digits = 0 if not row.unit else 4 if row.unit == "%" else 2
     injected, found = (f"{round(value, digits) + 0.0:10.{digits}f}" for value in (row.injected, row.found))
@@ -53,7 +53,7 @@ def _summary(result: "SelfCheckResult") -> str:
 
 
 def _keep(result: "SelfCheckResult") -> None:
-    from gse.selfcheck.last_result import keep_result
+    from gse.selfcheck.result import keep_result
 
     try:
         keep_result(result)

@@ -12,10 +12,10 @@ import click
 from drivers.outside_text import plain_lines
 from drivers.session_file.records import RX
 from drivers.whole_file import new_file
-from gse import instant
 from gse.cli import EXIT_DATA_LOST
-from gse.cli.damage import damage_code
+from gse.cli.files import damage_code
 from gse.errors import UsageError
+from gse.values import instant
 
 _session = click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 _json = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
@@ -156,9 +156,9 @@ def _export_results(path: Path, form: str, out: Path | None) -> int:
     """Write the results of a session; the exit code."""
     from drivers.session_file.reader import session_file
     from gse.cli.progress import judged_with_progress
+    from gse.report.session_tables import session_tables
+    from gse.sessions.export import export_mcap, export_parquet
     from gse.sessions.judged import result_key
-    from gse.sessions.results_export import export_mcap, export_parquet
-    from gse.tables import session_tables
 
     if out is None:
         raise UsageError(f"results need a name: -o {'tables' if form == 'parquet' else 'results.mcap'}")

@@ -12,7 +12,7 @@ from drivers.clock import read_clock
 from gse.cli import EXIT_FAIL
 from gse.cli.folding import folded
 from gse.errors import UsageError
-from gse.instant import NS_PER_S, from_text
+from gse.values.instant import NS_PER_S, from_text
 
 _SILENT_S = 10.0
 
@@ -44,8 +44,7 @@ def command(ctx: click.Context, *, path: Path, stop: bool, as_json: bool) -> Non
 
 def newest_session(path: Path) -> tuple[Path, dict[str, Any]]:
     """The chosen session and its status: a running one before the others, then the newest."""
-    from gse.sessions.status_document import read_status
-    from gse.sessions.status_file import is_running, session_folders
+    from gse.sessions.status_file import is_running, read_status, session_folders
 
     known = [(folder, status) for folder in session_folders(path) if (status := read_status(folder)) is not None]
     if not known:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.damage import damage_code
+from gse.cli.files import damage_code
 from gse.cli.options import bind_option, clock_error_option, http_port_option
 from gse.process import sign_of_life
 from gse.view.glance_word import level_of
@@ -54,8 +54,7 @@ def command(
             save_screenshot(recording, screenshot)
             click.echo(f"picture: {screenshot}", err=True)
         if web:
-            from gse.view.pages import Content
-            from gse.view.server import ViewServer
+            from gse.view.server import Content, ViewServer
 
             server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording, verdict=verdict)))
             _serve_until_interrupt(server.url)

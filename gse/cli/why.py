@@ -27,11 +27,10 @@ def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None
 
     The findings are those of the report; docs/troubleshooting.md explains each.
     """
-    from gse.assessment.verdict import judge
     from gse.cli.progress import judged_with_progress
-    from gse.report.bundle import write_bundle
     from gse.report.summary import summarise
-    from gse.report.why import why_page
+    from gse.report.why import why_page, write_bundle
+    from gse.verdict.assessment import judge
 
     if with_site and bundle_path is None:
         raise UsageError("--with-site says what a bundle holds; expected --bundle FILE beside it")

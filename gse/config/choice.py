@@ -9,7 +9,7 @@ from typing import get_args
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
 from gse.errors import UsageError
-from gse.identifier_options import PLUG_KEYS, Algorithm
+from gse.values.identifier_options import PLUG_KEYS, Algorithm
 
 StationText = tuple[Station, str]
 """A station and the text of its file."""

@@ -3,13 +3,14 @@
 import difflib
 import math
 from dataclasses import fields, is_dataclass
-from datetime import datetime
+from datetime import date, datetime
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -20,16 +21,76 @@ from pydantic import (
 )
 
 from drivers.host_files import a_file_or_a_shells_pipe
-from drivers.outside_text import plain_lines
-from gse.attitude_convention import AttitudeConvention
-from gse.camera import Camera
-from gse.config.paperwork import DocumentedTest, Text
+from drivers.outside_text import is_plain, plain_lines
 from gse.errors import ConfigError
-from gse.identifier_options import IdentifierOptions
-from gse.limits import Limits
-from gse.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
-from gse.site import Site, SiteUncertainty
+from gse.values.attitude_convention import AttitudeConvention
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.limits import Limits
+from gse.values.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
+from gse.values.site import Site, SiteUncertainty
 from protocols.yaml_text import load_document
+
+# The ``test:`` block of a station file: what a report states beside its figures.
+#
+# Every key may be left out; a report prints what it misses.
+
+
+def _plain(text: str) -> str:
+    if not is_plain(text):
+        raise ValueError(f"{text!r:.60} holds a control character")
+    return text
+
+
+Text = Annotated[str, Field(max_length=500), AfterValidator(_plain)]
+_MOST = 100
+"""Instruments, requirements or deviations: a report is read by people."""
+
+
+class _PaperSection(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True)
+
+
+class Instrument(_PaperSection):
+    """An instrument that took part, and the day of its last calibration."""
+
+    name: Text
+    serial: Text | None = None
+    calibrated: date | None = None
+
+
+class VerifiedRequirement(_PaperSection):
+    """The requirement that a row verifies, and the verification method."""
+
+    id: Text
+    method: Text | None = None
+
+
+class DocumentedTest(_PaperSection):
+    """Who tested what, by which procedure; None where the station file does not say."""
+
+    id: Text | None = None
+    report: Text | None = None
+    procedure: Text | None = None
+    operator: Text | None = None
+    witness: Text | None = None
+    reviewer: Text | None = None
+    approver: Text | None = None
+    sensor_serial: Text | None = None
+    sensor_firmware: Text | None = None
+    instruments: Annotated[tuple[Instrument, ...], Field(max_length=_MOST)] = ()
+    requirements: Annotated[dict[Text, VerifiedRequirement], Field(max_length=_MOST)] = {}
+    """By the name of the row of the verdict."""
+    deviations: Annotated[tuple[Text, ...], Field(max_length=_MOST)] | None = None
+    """An empty list states that there are none."""
+
+    @field_validator("requirements", mode="before")
+    @classmethod
+    def _an_id_alone(cls, value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        return {row: given if isinstance(given, dict) else {"id": given} for row, given in value.items()}
+
 
 MAX_FILE_BYTES = 100_000
 """A station file is a page of text; anything bigger is another file."""

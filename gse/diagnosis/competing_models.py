@@ -4,7 +4,8 @@ A model is a sum of columns; each predicts the mean of the three error angles, t
 of the field. Noise of the angles has, on each axis, the spectrum of white noise with or without a part of exponential
 correlation, of any strength and time, integrated over its scale and weighted by its likelihood under the model: a slow
 cause is believed only where slow noise does not explain it as well. The mean is then a Student t with the spectrum at
-zero, and what single stars keep (gse.star_influence) added; the field is one with the stars' own scatter. Columns are
+zero, and what single stars keep (gse.values.star_influence) added; the field is one with the stars' own scatter.
+Columns are
 fitted by expectation maximisation over the spectra. A model's score is twice its logarithm of likelihood less PENALTY
 for each column and the logarithm of the number of places that were searched (as in the Bayesian information criterion
 of Schwarz 1978 for 150 values: with the frame rate the penalty would grow, and with it what is missed).
@@ -18,8 +19,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.matrices import inv, log_det, lstsq, pinv, product, solve
 from gse.statistics.autocorrelation import exponential_spectrum
+from gse.values.matrices import inv, log_det, lstsq, pinv, product, solve
 
 PENALTY = 5.0
 _TIMES = np.geomspace(0.3, 600.0, 16)
@@ -50,17 +51,17 @@ class Observed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class Predictions:
     """Predictions of P columns: ``mean`` (3, P), ``cosines`` (K, 3, P), ``field`` (F, P), each per unit."""
 
     mean: NDArray[np.float64]
     cosines: NDArray[np.float64]
     field: NDArray[np.float64]
 
-    def __add__(self, other: Self) -> "Columns":
+    def __add__(self, other: Self) -> "Predictions":
         """Both side by side."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in ("mean", "cosines", "field"))
-        return Columns(*(np.concatenate(pair, axis=-1) for pair in pairs))
+        return Predictions(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
     @property
     def count(self) -> int:
@@ -78,7 +79,7 @@ class Fitted:
     precision: NDArray[np.float64]
 
 
-def fitted(observed: Observed, columns: Columns) -> Fitted:
+def fitted(observed: Observed, columns: Predictions) -> Fitted:
     """Fit columns to what was observed, from slow and from white noise on: there may be a maximum on either side."""
     slow = _unexplained(observed)
     if not columns.count:
@@ -112,7 +113,7 @@ def white_precision(cosines: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.broadcast_to(1 / np.maximum((upper**2).mean(axis=0), 1e-12), cosines.shape)
 
 
-def _climbed(observed: Observed, columns: Columns, state: "_State") -> tuple[NDArray[np.float64], "_State"]:
+def _climbed(observed: Observed, columns: Predictions, state: "_State") -> tuple[NDArray[np.float64], "_State"]:
     for _ in range(_ROUNDS):
         normal, right = _equations(observed, columns, state)
         scale = np.sqrt(np.maximum(np.diag(normal), _TINY))
@@ -137,11 +138,11 @@ class _State:
 @functools.lru_cache(maxsize=2)
 def _unexplained(observed: Observed) -> _State:
     """The state without any column, from which each fit begins."""
-    none = Columns(*(np.zeros((*of.shape, 0)) for of in (observed.mean, observed.cosines, observed.right)))
+    none = Predictions(*(np.zeros((*of.shape, 0)) for of in (observed.mean, observed.cosines, observed.right)))
     return _state(observed, none, np.zeros(0))
 
 
-def _state(observed: Observed, columns: Columns, coefficients: NDArray[np.float64]) -> _State:
+def _state(observed: Observed, columns: Predictions, coefficients: NDArray[np.float64]) -> _State:
     precision, mean_variance, log = _spectra(observed.cosines - product(columns.cosines, coefficients), observed.frames)
     left = observed.mean - product(columns.mean, coefficients)
     covariance = np.diag(mean_variance) + observed.lasting
@@ -182,7 +183,9 @@ def forget_observed() -> None:
     _field_alone.cache_clear()
 
 
-def _equations(observed: Observed, columns: Columns, state: _State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _equations(
+    observed: Observed, columns: Predictions, state: _State
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     weighted = columns.cosines * state.precision[:, :, None]
     normal = np.einsum("kap,kaq->pq", weighted, columns.cosines) + product(columns.mean.T, state.of_mean, columns.mean)
     right = np.einsum("kap,ka->p", weighted, observed.cosines) + product(columns.mean.T, state.of_mean, observed.mean)

@@ -5,44 +5,198 @@ that fail (gse.diagnosis.set_up_mistake, gse.statistics.excuses). There is one c
 with each other, a gross one silences them, and events that say the same are left out.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from drivers.chunk import LinkEvent
 from gse.diagnosis.error_series import ErrorSeries, error_series, often_answered, with_left_out
 from gse.diagnosis.field_patterns import field_of_errors, unexplained_residuals
 from gse.diagnosis.fine_causes import forget_fits
-from gse.diagnosis.fine_findings import Setting, fine_findings
-from gse.diagnosis.focus import focus_finding, focus_loss
-from gse.diagnosis.known_clock_steps import without_steps
+from gse.diagnosis.fine_findings import Setting, fine_findings, without_shaking
+from gse.diagnosis.gross_causes import gross_finding
 from gse.diagnosis.late_frames import LateFrames
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, most_unmatched, stars_fall_out
 from gse.diagnosis.plain_findings import (
     event_findings,
     faulty_panoramas,
+    focus_finding,
+    focus_loss,
     hot_pixels,
     nothing_identified,
+    often_stand_still,
     ran_away_s,
     sensor_clock_drift,
+    still_panoramas,
+    time_tag_faults,
 )
 from gse.diagnosis.sensor_findings import sensor_findings
-from gse.diagnosis.session_gross_cause import gross_finding
 from gse.diagnosis.session_model import SessionModel
-from gse.diagnosis.star_changes import sampled_matches, without_star_changes
-from gse.diagnosis.still_panoramas import still_panoramas
-from gse.diagnosis.time_tags import often_stand_still, time_tag_faults
-from gse.diagnosis.unexplained import unexplained
-from gse.diagnosis.vibration import without_shaking
-from gse.finding import Finding
-from gse.station.clock_steps import clock_steps
+from gse.diagnosis.turns import pole
+from gse.station.clock_steps import clock_steps, clock_stretches
+from gse.station.events import ClockStep, FindingEvent, StationKind
+from gse.station.frame_results import FrameResults
+from gse.station.frame_table import thinned, xy_px_of
 from gse.station.own_answers import sensor_answers
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames, counted_frames
 from gse.statistics.sensor_convention import session_convention
 from gse.statistics.session_statistics import Statistics
-from gse.truth import horizon_to_sensor
+from gse.truth import horizon_to_sensor, time_blocks
+from gse.values.axis import AXES, ON_SKY
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.values.finding import Finding
+from gse.values.instant import NS_PER_S
+from gse.values.matrices import length, product
+from gse.values.mount import Mount
+from gse.values.site import Site
+from gse.values.star_influence import FrameFits, StarCells, boresight_shifts
+
+# Steps of the host's clock that its own clocks showed, taken out of the errors: they are known, and need no search.
+
+
+def without_steps(
+    series: ErrorSeries, host_utc_ns: NDArray[np.int64], steps: Sequence[ClockStep], site: Site, mount: Mount
+) -> ErrorSeries:
+    """The errors as one of the clocks gives them: that under which they are least, as any of them may be the right one.
+
+    ``host_utc_ns`` (M,) are the host's stamps of all frames, in the order of arrival.
+    """
+    fast_s = np.zeros(len(host_utc_ns))
+    for stretch in clock_stretches(host_utc_ns, steps):
+        fast_s[stretch.first : stretch.until] = stretch.offset_ns / NS_PER_S
+    fast_s = fast_s[series.rows]
+    turned = boresight_shifts(product(horizon_to_sensor(mount), pole(site))[None])[0] * EARTH_RATE_ARCSEC_PER_S
+    tried = [series.errors_arcsec - np.outer(fast_s - right_s, turned) for right_s in np.unique(fast_s).tolist()]
+    least = min(tried, key=lambda errors: length(errors[:, :2].mean(axis=0)))
+    return replace(series, errors_arcsec=least)
+
+
+# Errors beyond their limits that no cause explains: the noise of single stars, or none of what is known here.
+
+_MOST_RATIO = 1.4
+"""Of the errors to what single stars leave: within it nothing else makes half of their variance."""
+_FITTED = 1.5
+"""Stars' worth of residuals that a fit of three angles takes."""
+
+
+def unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
+    """What is over its limit, as one finding; nothing where nothing is."""
+    limits = session.station.limits
+    over = {
+        axis: f"95 % of |{axis.label}| is {stats.onboard.axes[axis.key].p95_abs_arcsec:.0f} arcsec"
+        for axis in AXES
+        if stats.onboard.axes[axis.key].p95_abs_bounds_arcsec.lower > limits.of(axis)
+    }
+    if over.keys() & set(ON_SKY) and (noise := _noise_of_stars(session, stats)):
+        size = f"{', '.join(over.values())}: {noise}"
+        yield Finding(
+            "centroid noise", size, ("seeing",), "see to focus and exposure; gse plan tells what noise passes"
+        )
+    elif over:
+        yield Finding(
+            "none of these",
+            f"{', '.join(over.values())}, and no cause that is known here fits",
+            (),
+            "look at the errors over time: gse view SESSION; for a maintainer: gse why SESSION --bundle FILE",
+        )
+
+
+def _noise_of_stars(session: SessionData, stats: Statistics) -> str:
+    """What single stars leave of the boresight's errors, in words, where that is nearly all; else nothing."""
+    used, matches = stats.counted.used, session.frames.matches
+    frames, matches = session.frames.columns, matches.compress(used[matches["frame"]])
+    count = float(np.median(frames["matched"][used])) if used.any() else 0.0
+    if count <= _FITTED or not len(matches):
+        return ""
+    residuals = np.array([matches["residual_x_arcsec"], matches["residual_y_arcsec"]], dtype=np.float64)
+    of_star = math.sqrt(float((residuals**2).mean()) * count / (count - _FITTED))
+    left = of_star / math.sqrt(count)
+    errors = np.array([frames[name][used] for name in ("cross_x_arcsec", "cross_y_arcsec")], dtype=np.float64)
+    if math.sqrt(float(np.nanmean(errors**2))) > _MOST_RATIO * left:
+        return ""
+    px = of_star * ARCSEC_RAD / session.station.sensor.camera().pixel_rad
+    stars = f"single stars scatter by {of_star:.0f} arcsec ({px:.2f} px)"
+    return f"{stars}, so that {count:.0f} of them leave {left:.0f} arcsec on each axis"
+
+
+# What stars with lasting errors do to the attitude as they come into the field and leave it.
+#
+# A double star, a bad place in the catalogue or a star in the blur of the lens keeps its error; the day it leaves the
+# field the boresight steps. Each star's error is the mean of its residuals and of what the fits of its frames took of
+# it,
+# as far as it is more than chance: the means of all stars together tell how great lasting errors are, and each mean is
+# made smaller by its own part of chance (James & Stein 1961). Whole means would hand the noise of one star on to the
+# next
+# as stars come and go, which looks like a drift.
+
+_MOST_ROWS = 40_000
+_ROUNDS = 5
+"""Each takes what the one before left of a star among the others of its frames, a twentieth or less."""
+
+
+def sampled_matches(matches: NDArray[np.void], series: ErrorSeries) -> NDArray[np.void]:
+    """Those that answers name in the frames of a series, of every second, third, ... frame where they are many."""
+    return thinned(matches.compress(matches["named"] & np.isin(matches["frame"], series.rows)), _MOST_ROWS)
+
+
+def without_star_changes(
+    series: ErrorSeries, matches: NDArray[np.void], residuals_arcsec: NDArray[np.float64], camera: Camera
+) -> ErrorSeries:
+    """The errors without what a change of the stars makes of their lasting errors; their mean stays.
+
+    ``residuals_arcsec`` (N, 2) are those of matches (rows of MATCH), of some frames at least.
+    """
+    xy_px = xy_px_of(matches)
+    directions = camera.directions(xy_px)
+    fits = FrameFits.of(directions, matches["frame"])
+    at_s = np.interp(matches["frame"], series.rows, series.time_s)
+    cells = _Cells.of(matches["star"], time_blocks(np.asarray(at_s * NS_PER_S, dtype=np.int64)))
+    turns = np.zeros((len(fits.numbers), 3))
+    for _ in range(_ROUNDS):
+        turns = fits.turns(cells.lasting(residuals_arcsec + np.cross(turns[fits.place], directions)[:, :2]))
+    shifts = boresight_shifts(turns)
+    made = np.column_stack([np.interp(series.rows, fits.numbers, shift) for shift in shifts.T])
+    return replace(series, errors_arcsec=series.errors_arcsec - (made - made.mean(axis=0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """Cells of one star in one stretch of time: ``cell`` (N,) of each sighting, ``star`` (C,) of each cell."""
+
+    cell: NDArray[np.int64]
+    star: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "_Cells":
+        cells = StarCells.of(stars, blocks)
+        return cls(cells.of_row, np.unique(cells.star, return_inverse=True)[1])
+
+    def lasting(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What each sighting (N, 2) has of the lasting error of its star, by errors (N, 2); zero where none shows it.
+
+        The variance of a cell's mean is what the cells of one star scatter by, that of lasting errors what the means of
+        stars scatter by beyond it.
+        """
+        means, cells = _means(errors, self.cell), np.bincount(self.star)
+        stars = _means(means, self.star)
+        freedom = len(self.star) - len(cells)
+        if not freedom:
+            return np.zeros_like(errors)
+        chance = float(((means - stars[self.star]) ** 2).sum()) / (2 * freedom)
+        lasting = max(float((cells[:, None] * stars**2).sum()) / 2 - len(cells) * chance, 0.0) / len(self.star)
+        sure = lasting / np.maximum(lasting + chance / cells, 1e-300)
+        return np.asarray((sure[:, None] * stars)[self.star[self.cell]])
+
+
+def _means(values: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Of values (N, 2) over each group (N,)."""
+    return np.column_stack([np.bincount(group, weights=part) for part in values.T]) / np.bincount(group)[:, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,3 +296,45 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
     frame_hz = 1 / max(float(np.median(np.diff(series.time_s))), 1e-9)
     late = LateFrames.of(frames, session.events)
     return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz, late))
+
+
+# Live diagnosis: findings of a running session, announced when they first show.
+
+FIRST_AFTER_S = 10.0
+"""Of the data's time, after the first panorama; then after 20 s, and whenever a third more has passed, 20 s at least: a
+look costs half a second of the loop's thread."""
+_SHARE, _LEAST_S = 3, 20.0
+
+
+@dataclass(slots=True)
+class LiveDiagnosis:
+    """A listener that looks for causes now and then; ``announce`` gets an event for each that is new.
+
+    The findings of the report come from the whole session: one that was announced may be gone at the end.
+    """
+
+    announce: Callable[[LinkEvent], None]
+    _begun_ns: int | None = None
+    _due_ns: int = 0
+    _known: set[str] = field(default_factory=set)
+
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
+        """Look, where it is time."""
+        for utc_ns in results.rows["utc_ns"].tolist():
+            self._look(utc_ns, session)
+
+    def _look(self, utc_ns: int, session: SessionData) -> None:
+        if self._begun_ns is None:
+            self._begun_ns, self._due_ns = utc_ns, utc_ns + round(FIRST_AFTER_S * NS_PER_S)
+        if utc_ns < self._due_ns:
+            return
+        elapsed_ns = utc_ns - self._begun_ns
+        self._due_ns = utc_ns + min(elapsed_ns, max(elapsed_ns // _SHARE, round(_LEAST_S * NS_PER_S)))
+
+        for finding in causes_so_far(session):
+            if finding.cause not in self._known:
+                self._known.add(finding.cause)
+                self.announce(FindingEvent(utc_ns, 0, StationKind.FINDING, str(finding), finding))
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Events are not frames."""

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.axis import D_ROLL, OF_SENSOR
-from gse.camera import Camera
-from gse.constants import ARCSEC_PER_RAD
-from gse.star_influence import FrameFits, boresight_shifts
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import residuals_of, xy_px_of
+from gse.values.axis import D_ROLL, OF_SENSOR
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.star_influence import FrameFits, boresight_shifts
 
 MOST_ORDINATES = 128
 """A step is known to a 250th of the session, a sinusoid of up to 60 cycles is seen."""

@@ -12,8 +12,12 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from gse.axis import ON_SKY
-from gse.star_influence import (
+from gse.station.frame_table import residuals_of, xy_px_of
+from gse.station.session_data import SessionData
+from gse.statistics.counted_frames import false_answers
+from gse.truth import time_blocks
+from gse.values.axis import ON_SKY
+from gse.values.star_influence import (
     StarCells,
     attitude_operators,
     boresight_shifts,
@@ -21,10 +25,6 @@ from gse.star_influence import (
     taken_by_fit,
     unfitted,
 )
-from gse.station.frame_table import residuals_of, xy_px_of
-from gse.station.session_data import SessionData
-from gse.statistics.counted_frames import false_answers
-from gse.truth import time_blocks
 
 MIN_STARS = 5
 """Fewer do not tell by how much stars differ."""

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
-from gse.constants import ARCSEC_PER_RAD
-from gse.matrices import lstsq, pinv, product
-from gse.site import Site
-from gse.star_influence import FrameFits, boresight_shifts, star_covariance, unfitted
 from gse.station.frame_table import residuals_of, thinned, xy_px_of
 from gse.truth import Refraction, time_blocks
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.matrices import lstsq, pinv, product
+from gse.values.site import Site
+from gse.values.star_influence import FrameFits, boresight_shifts, star_covariance, unfitted
 
 PARAMETERS = ("focal length", "k1", "k2", "p1", "p2", "principal point x", "principal point y", "pressure")
 """Of the truth, less what is stated: the first as a share, the points in px, the pressure in hPa."""

@@ -7,18 +7,133 @@ Causes that explain the same nearly as well are its equals.
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.changes_in_time import STEPS, sinusoids, steps
-from gse.diagnosis.competing_models import Columns, Fitted, Observed, by_its_noise, fitted, forget_observed
+from gse.diagnosis.competing_models import (
+    Fitted,
+    Observed,
+    Predictions,
+    by_its_noise,
+    fitted,
+    forget_observed,
+    white_precision,
+)
 from gse.diagnosis.field_patterns import FieldOfErrors
-from gse.diagnosis.fine_hypotheses import Hypothesis, causes_of_field, constant_causes, drifts
+from gse.diagnosis.fine_hypotheses import FineHypothesis, causes_of_field, constant_causes, drifts
 from gse.diagnosis.session_model import SessionModel
-from gse.matrices import pinv, product
+from gse.diagnosis.turns import all_turns, pole
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.matrices import pinv, product
+
+# Searches for the instant of a step and the period of a sinusoid.
+
+STEPS = ("clock step", "slip of the mount")
+_STEPS = 96
+_FEWEST_CYCLES, _CYCLE_STEP = 1.0, 0.25
+_SINUSOID_MOST_SHARE = 0.25
+"""Of the ordinates: shorter periods are vibration, or pixels that stars cross."""
+_SINUSOID_LEAST_S = 60.0
+_SWINGS = {"sinusoid": (0, 1), "columns": (0,), "rows": (1,)}
+
+
+def steps(model: SessionModel, observed: Observed, base: Fitted, named: Predictions) -> Iterator[FineHypothesis]:
+    """A step at the best place of many, of the clock, of one angle of the mount, or of all."""
+    count = len(model.series.time_s)
+    places = np.unique(np.linspace(0, count, _STEPS + 2)[:-1].astype(np.int64))[1:]
+    if not len(places):
+        return
+    courses = model.series.cosines((np.arange(count)[:, None] >= places).astype(np.float64))
+    left = observed.cosines - product(named.cosines, base.coefficients)
+    gains = _gains(courses, left, base.precision)
+    of_place = functools.partial(_step, model, len(places))
+    for first in {int(places[gain.argmax()]) for gain in gains}:
+        for is_before in (False, True):
+            yield of_place("clock step", "clock step", is_before, first)
+            for kind in (*model.axes(), "slip"):
+                yield of_place("slip of the mount", kind, is_before, first)
+
+
+def _step(model: SessionModel, searched: int, cause: str, kind: str, is_before: bool, place: float) -> FineHypothesis:
+    """The step at a row: an error from then on, or ``is_before`` it."""
+    time_s = model.series.time_s
+    first = min(max(round(place), 1), len(time_s) - 1)
+    after = (np.arange(len(time_s)) >= first).astype(np.float64)
+    course = after - is_before
+    if cause == "clock step":
+        each = [model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * course)]
+    else:
+        axes = model.axes()
+        each = [model.along(axis, course) for axis in ([axes[kind]] if kind in axes else all_turns(model.mount))]
+    return FineHypothesis(
+        cause,
+        kind,
+        model.columns(*each),
+        True,
+        searched,
+        float(time_s[first]),
+        place=first,
+        spacing=len(time_s) / (_STEPS + 1),
+        moved=functools.partial(_step, model, searched, cause, kind, is_before),
+    )
+
+
+def sinusoids(model: SessionModel, observed: Observed, base: Fitted, named: Predictions) -> Iterator[FineHypothesis]:
+    """A sinusoid of the best period of many."""
+    duration_s, time_s = model.series.duration_s, model.series.time_s
+    most = min(_SINUSOID_MOST_SHARE * len(observed.cosines), duration_s / _SINUSOID_LEAST_S)
+    cycles = np.arange(_FEWEST_CYCLES, most + 1e-9, _CYCLE_STEP)
+    if not len(cycles):
+        return
+    left = observed.cosines - product(named.cosines, base.coefficients)
+    phases = np.outer(time_s, 2 * math.pi / duration_s * cycles)
+    one, other = (model.series.cosines(of(phases)) for of in (np.cos, np.sin))
+    one /= np.linalg.norm(one, axis=0)
+    other -= one * (one * other).sum(axis=0)
+    other /= np.linalg.norm(other, axis=0)
+    courses = np.stack([one, other], axis=2).reshape(len(left), -1)
+    gains = _gains(courses, left, base.precision).reshape(2, -1, 2).sum(axis=2)
+    for cycle in {float(cycles[gain.argmax()]) for gain in gains}:
+        for kind in _SWINGS:
+            yield _wave(model, len(cycles), kind, cycle)
+
+
+def _wave(model: SessionModel, searched: int, kind: str, cycles: float) -> FineHypothesis:
+    """A sinusoid of so many cycles in the session."""
+    period_s = model.series.duration_s / cycles
+    phase = 2 * math.pi * model.series.time_s / period_s
+    waves = np.sin(phase), np.cos(phase)
+    each = [np.outer(wave, np.eye(3)[axis]) for axis in _SWINGS[kind] for wave in waves]
+    return FineHypothesis(
+        "thermal sinusoid",
+        kind,
+        model.columns(*each),
+        True,
+        searched,
+        period_s,
+        place=cycles,
+        spacing=_CYCLE_STEP,
+        moved=functools.partial(_wave, model, searched, kind),
+    )
+
+
+def _gains(
+    courses: NDArray[np.float64], left: NDArray[np.float64], precision: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """By how much each course (K, S), of any size on each axis, explains what is left (K, 3): (2, S).
+
+    In the first row with the noise that was found without it, which took a step for slow noise, in the second with
+    white noise.
+    """
+    gains = []
+    for weight in (precision, white_precision(left)):
+        top = product(courses.T, weight * left)
+        gains.append((top**2 / np.maximum(product((courses**2).T, weight), 1e-300)).sum(axis=1))
+    return np.array(gains)
+
 
 EQUAL_WITHIN = 9.0
 """Three standard errors."""
@@ -41,17 +156,17 @@ _REST_SHARE = 0.2
 class Named:
     """A cause that was found: coefficients (P,) in the units of its columns, with standard errors, and its equals."""
 
-    hypothesis: Hypothesis
+    hypothesis: FineHypothesis
     coefficients: NDArray[np.float64]
     errors: NDArray[np.float64]
-    equals: tuple[Hypothesis, ...]
+    equals: tuple[FineHypothesis, ...]
 
 
 def fine_causes(model: SessionModel) -> tuple[Named, ...]:
     """The causes that are worth their columns, the best first."""
     observed = model.observed()
     fixed = [*constant_causes(model), *causes_of_field(model), *drifts(model)]
-    named: list[Hypothesis] = []
+    named: list[FineHypothesis] = []
     rivals = list(fixed)
     for _ in range(_MOST_CAUSES):
         base = fitted_to(observed, named)
@@ -78,7 +193,7 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
     return tuple(told(model, observed, named, one, rivals) for one in named)
 
 
-def _of_its_noise(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> float:
+def _of_its_noise(observed: Observed, named: list[FineHypothesis], one: FineHypothesis) -> float:
     """What slow noise alone gains as an explanation of a change over time, if the change does not make it white."""
     if not one.is_change:
         return 0.0
@@ -89,7 +204,7 @@ def _of_its_noise(observed: Observed, named: list[Hypothesis], one: Hypothesis) 
     return by_its_noise(*left)
 
 
-def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
+def _is_seen(model: SessionModel, observed: Observed, named: list[FineHypothesis], one: FineHypothesis) -> bool:
     """Whether what a cause does to the stars is more than their places on the pixels do, and than is stated."""
     if model.field is None or not one.columns.field.any():
         return True
@@ -100,7 +215,7 @@ def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], o
     return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
 
 
-def _is_of_one_frame(model: SessionModel, named: list[Hypothesis], one: Hypothesis) -> bool:
+def _is_of_one_frame(model: SessionModel, named: list[FineHypothesis], one: FineHypothesis) -> bool:
     """Whether a single frame near an end of the session tells a step: that is an outlier, and nothing that stays."""
     if one.cause not in STEPS:
         return False
@@ -119,7 +234,7 @@ def _is_of_one_frame(model: SessionModel, named: list[Hypothesis], one: Hypothes
     return gain < _LEAST_WITHOUT_ONE * one.is_worth
 
 
-def _refined(observed: Observed, named: list[Hypothesis], found: Hypothesis) -> Hypothesis:
+def _refined(observed: Observed, named: list[FineHypothesis], found: FineHypothesis) -> FineHypothesis:
     """The same between the places that were tried."""
     if found.moved is None:
         return found
@@ -134,7 +249,7 @@ def _refined(observed: Observed, named: list[Hypothesis], found: Hypothesis) -> 
     return best
 
 
-def _is_rest(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
+def _is_rest(observed: Observed, named: list[FineHypothesis], one: FineHypothesis) -> bool:
     """Whether a change over time is small against an earlier one: no swing is quite a sinusoid."""
     earlier = [other for other in named if other.is_change]
     if not one.is_change or not earlier:
@@ -148,13 +263,13 @@ def _is_rest(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bo
     return sizes[id(one)] < _REST_SHARE**2 * max(sizes[id(other)] for other in earlier)
 
 
-def fitted_to(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
+def fitted_to(observed: Observed, causes: Sequence[FineHypothesis]) -> Fitted:
     """The fit of causes together; most are asked for twice, to compete and as equals of the best."""
     return _fitted_to(observed, tuple(causes))
 
 
 @functools.lru_cache(maxsize=256)
-def _fitted_to(observed: Observed, causes: tuple[Hypothesis, ...]) -> Fitted:
+def _fitted_to(observed: Observed, causes: tuple[FineHypothesis, ...]) -> Fitted:
     return fitted(observed, together(observed, causes))
 
 
@@ -164,14 +279,14 @@ def forget_fits() -> None:
     forget_observed()
 
 
-def together(observed: Observed, causes: Sequence[Hypothesis]) -> Columns:
-    columns = Columns(np.zeros((3, 0)), np.zeros((len(observed.cosines), 3, 0)), np.zeros((len(observed.right), 0)))
+def together(observed: Observed, causes: Sequence[FineHypothesis]) -> Predictions:
+    columns = Predictions(np.zeros((3, 0)), np.zeros((len(observed.cosines), 3, 0)), np.zeros((len(observed.right), 0)))
     for one in causes:
         columns = columns + one.columns
     return columns
 
 
-def score(observed: Observed, causes: Sequence[Hypothesis]) -> float:
+def score(observed: Observed, causes: Sequence[FineHypothesis]) -> float:
     """Twice the log likelihood less what the last cause costs; hopeless outside of what nature allows."""
     fit = fitted_to(observed, causes)
     if not causes:
@@ -184,18 +299,18 @@ def score(observed: Observed, causes: Sequence[Hypothesis]) -> float:
     return fit.twice_log_likelihood - last.cost if inside else -math.inf
 
 
-def _explains(observed: Observed, causes: Sequence[Hypothesis]) -> float:
+def _explains(observed: Observed, causes: Sequence[FineHypothesis]) -> float:
     """The score at the place that was found, whatever the search for it cost."""
     return score(observed, causes) + 2 * math.log(causes[-1].searched)
 
 
-def _beside(named: Sequence[Hypothesis]) -> frozenset[str]:
+def _beside(named: Sequence[FineHypothesis]) -> frozenset[str]:
     """Causes that are not tried any more: a constant error has one cause, and so has a change over time."""
     found = {one.cause for one in named}
     return frozenset().union(*(group for group in _EXCLUSIVE if found & group))
 
 
-def _without_idle(observed: Observed, named: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
+def _without_idle(observed: Observed, named: list[FineHypothesis], best: FineHypothesis) -> list[FineHypothesis]:
     """The earlier causes that are still worth their columns beside the new one."""
     kept = list(named)
     for one in named:
@@ -207,7 +322,7 @@ def _without_idle(observed: Observed, named: list[Hypothesis], best: Hypothesis)
     return kept
 
 
-def _outlasts_stars(model: SessionModel, observed: Observed, named: list[Hypothesis], best: Hypothesis) -> bool:
+def _outlasts_stars(model: SessionModel, observed: Observed, named: list[FineHypothesis], best: FineHypothesis) -> bool:
     """Whether a cause is more than single stars make: a change over time by those that keep their errors.
 
     What moves stars over the field must be seen without the one that tells most of it.
@@ -221,7 +336,7 @@ def _outlasts_stars(model: SessionModel, observed: Observed, named: list[Hypothe
     return float(product(size, inverse, size)) > best.is_sure(freedom)
 
 
-def _without_one(field: FieldOfErrors, observed: Observed, named: list[Hypothesis], best: Hypothesis) -> bool:
+def _without_one(field: FieldOfErrors, observed: Observed, named: list[FineHypothesis], best: FineHypothesis) -> bool:
     parts = np.flatnonzero(best.columns.field.any(axis=1))
     if not len(parts):
         return True
@@ -233,7 +348,7 @@ def _without_one(field: FieldOfErrors, observed: Observed, named: list[Hypothesi
 
 
 def _change(
-    model: SessionModel, observed: Observed, causes: Sequence[Hypothesis]
+    model: SessionModel, observed: Observed, causes: Sequence[FineHypothesis]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """The last cause, a change over time: coefficients (P,), covariances (P, P) by frames and by what stars keep."""
     fit, count = fitted_to(observed, causes), causes[-1].columns.count
@@ -242,7 +357,11 @@ def _change(
 
 
 def told(
-    model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis, rivals: Sequence[Hypothesis]
+    model: SessionModel,
+    observed: Observed,
+    named: list[FineHypothesis],
+    one: FineHypothesis,
+    rivals: Sequence[FineHypothesis],
 ) -> Named:
     others = [other for other in named if other is not one]
     fit = fitted_to(observed, [*others, one])

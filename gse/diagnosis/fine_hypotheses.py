@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import betaincinv, chdtri
 
-from gse.budget.sky_terms import AIR_MODEL
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
-from gse.diagnosis.competing_models import PENALTY, Columns
+from gse.diagnosis.competing_models import PENALTY, Predictions
 from gse.diagnosis.field_patterns import PARAMETERS
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import EAST, all_turns, pole
-from gse.site import Site
+from gse.statistics.budget_terms import AIR_MODEL
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.site import Site
 
 FALSE_ALARM = 2e-3
 """Chance that a session in which nothing is wrong has a finding by noise."""
@@ -26,7 +26,7 @@ TANGENTIAL = "tangential"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
+class FineHypothesis:
     """A cause with its columns; ``searched`` places were tried for ``at_s``, an instant or a period.
 
     ``is_change`` over time; ``bounds`` are what nature allows the first coefficient, and ``known`` is how well it is
@@ -36,7 +36,7 @@ class Hypothesis:
 
     cause: str
     kind: str
-    columns: Columns
+    columns: Predictions
     is_change: bool = False
     searched: int = 1
     at_s: float = math.nan
@@ -44,7 +44,7 @@ class Hypothesis:
     known: float = 0.0
     place: float = math.nan
     spacing: float = 0.0
-    moved: "Callable[[float], Hypothesis] | None" = None
+    moved: "Callable[[float], FineHypothesis] | None" = None
 
     @property
     def cost(self) -> float:
@@ -67,20 +67,20 @@ class Hypothesis:
         return FALSE_ALARM / _HYPOTHESES / self.searched
 
 
-def constant_causes(model: SessionModel) -> Iterator[Hypothesis]:
+def constant_causes(model: SessionModel) -> Iterator[FineHypothesis]:
     if model.is_fitted:
         return
     ones = np.ones(len(model.series.time_s))
     north = pole(model.site)
     axes = model.axes()
-    yield Hypothesis("clock offset", "clock", model.columns(model.along(north, EARTH_RATE_ARCSEC_PER_S * ones)))
+    yield FineHypothesis("clock offset", "clock", model.columns(model.along(north, EARTH_RATE_ARCSEC_PER_S * ones)))
     for name, axis in axes.items():
-        yield Hypothesis("mount", name, model.columns(model.along(axis, ones)))
-    yield Hypothesis("site", "latitude", model.columns(model.along(EAST, ones)))
-    yield Hypothesis("mount", "mount", model.columns(*(model.along(axis, ones) for axis in all_turns(model.mount))))
+        yield FineHypothesis("mount", name, model.columns(model.along(axis, ones)))
+    yield FineHypothesis("site", "latitude", model.columns(model.along(EAST, ones)))
+    yield FineHypothesis("mount", "mount", model.columns(*(model.along(axis, ones) for axis in all_turns(model.mount))))
 
 
-def causes_of_field(model: SessionModel) -> Iterator[Hypothesis]:
+def causes_of_field(model: SessionModel) -> Iterator[FineHypothesis]:
     if model.field is None:
         return
     shifts = np.stack(
@@ -90,11 +90,11 @@ def causes_of_field(model: SessionModel) -> Iterator[Hypothesis]:
         ]
     )
 
-    def of(cause: str, *names: str) -> Hypothesis:
+    def of(cause: str, *names: str) -> FineHypothesis:
         parts = [PARAMETERS.index(name) for name in names]
         field = np.zeros((len(PARAMETERS), len(parts)))
         field[parts, range(len(parts))] = 1.0
-        return Hypothesis(cause, cause, model.columns(*(shifts[part].T for part in parts), field=field))
+        return FineHypothesis(cause, cause, model.columns(*(shifts[part].T for part in parts), field=field))
 
     yield of("focal length", "focal length")
     yield of("distortion", "k1")
@@ -115,14 +115,14 @@ def _known_hpa(site: Site) -> float:
     return math.hypot(site.pressure_uncertainty_hpa, site.air_pressure_hpa * math.hypot(by_temperature, AIR_MODEL))
 
 
-def drifts(model: SessionModel) -> Iterator[Hypothesis]:
+def drifts(model: SessionModel) -> Iterator[FineHypothesis]:
     """From the first frame, or to the last: when it was right is not known."""
     time_s = model.series.time_s
     for since_s in (0.0, model.series.duration_s / 2, model.series.duration_s):
         ramp = time_s - since_s
         about_pole = model.columns(model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * 1e-6 * ramp))
-        yield Hypothesis("clock drift", "clock drift", about_pole, is_change=True)
+        yield FineHypothesis("clock drift", "clock drift", about_pole, is_change=True)
         for name, axis in model.axes().items():
-            yield Hypothesis("mount moves", name, model.columns(model.along(axis, ramp / 3600)), is_change=True)
+            yield FineHypothesis("mount moves", name, model.columns(model.along(axis, ramp / 3600)), is_change=True)
         each = (model.along(axis, ramp / 3600) for axis in all_turns(model.mount))
-        yield Hypothesis("mount moves", "mount moves", model.columns(*each), is_change=True)
+        yield FineHypothesis("mount moves", "mount moves", model.columns(*each), is_change=True)

@@ -7,20 +7,323 @@ it, so that a hit by chance is a matter of one in a thousand. Where none does, t
 level axis or the boresight is named with its size.
 """
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.gross_hypotheses import SAME_DEG, Hypothesis, of_clock, of_mount, of_site
-from gse.diagnosis.gross_turns import angle_text, refined_s, turned
-from gse.diagnosis.raw_attitudes import RawAttitudes, central, error_deg_of, errors_arcsec, mount_under
-from gse.diagnosis.turns import about, pole
-from gse.finding import Finding
-from gse.matrices import product
-from gse.mount import Mount
-from gse.site import Site
-from gse.truth import EarthOrientation, horizon_to_sensor, small_rotations
+from gse.diagnosis.turns import EAST, VERTICAL, about, level_axis, pole, size_rad
+from gse.station.columns import ANSWER_CHECKS
+from gse.station.frame_columns import Columns
+from gse.station.results import AnswerCheck
+from gse.station.session_data import SessionData
+from gse.statistics.counted_frames import CountedFrames
+from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor, mount_of, small_rotations
+from gse.truth.orientation import FIRST_NS
+from gse.values.attitude import Attitude, solve_attitude
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_RAD_PER_S
+from gse.values.finding import Finding
+from gse.values.instant import NS_PER_DAY, NS_PER_S
+from gse.values.matrices import length, lstsq, product
+from gse.values.mount import Mount
+from gse.values.site import Site
+from gse.values.star_influence import boresight_shifts
+
+# Hypotheses of gross mistakes: one sign, order, quarter turn or time zone that is wrong in site, mount or clock.
+
+SAME_DEG = 0.02
+"""Hypotheses whose remaining errors differ by less than an arcminute are equals."""
+SIDEREAL_DAY_S = 86_164.0905
+_MOST_CLOCK_S = 25.5 * 3600
+_NEAR_S, _VERY_NEAR_S = 60.0, 4.0
+"""How near to a whole number of hours a clock must be, for those that are usual and for others: of so many others one
+is near to anything."""
+_HALF_HOURS = (-9.5, -3.5, -2.5, 3.5, 4.5, 5.5, 6.5, 9.5, 10.5)
+_QUARTER_HOURS = (5.75, 8.75, 12.75)
+_USUAL_HOURS = (*range(-12, 15), *_HALF_HOURS, *_QUARTER_HOURS, -24, 24)
+"""Time zones from UTC, those of summer too, and whole days."""
+CORRECT = "correct the station file, then judge the same recording again: gse report SESSION --station FILE"
+SET_CLOCK = "set the host's clock to UTC (timedatectl set-ntp true), see it with gse preflight, and repeat the session"
+
+
+@dataclass(frozen=True, slots=True)
+class GrossHypothesis:
+    """One thing wrong: the site, the mount and the fast clock that would explain what is seen."""
+
+    cause: str
+    size: str
+    next_step: str
+    site: Site
+    mount: Mount
+    clock_s: float = 0.0
+
+
+def of_site(site: Site, mount: Mount) -> Iterator[GrossHypothesis]:
+    """Signs and order of latitude and longitude; none that no station file can state."""
+    latitude, longitude = site.latitude_deg, site.longitude_deg
+    north, east = f"site.latitude_deg: {-latitude:g}", f"site.longitude_deg: {-longitude:g}"
+
+    def of(cause: str, remedy: str, **changes: Any) -> GrossHypothesis:
+        return GrossHypothesis(cause, f"the stars fit {remedy}", CORRECT, replace(site, **changes), mount)
+
+    if longitude <= 180:
+        yield of("longitude sign", east, longitude_deg=-longitude)
+    yield of("latitude sign", north, latitude_deg=-latitude)
+    if longitude <= 180:
+        yield of(
+            "latitude and longitude signs", f"{north} and {east}", latitude_deg=-latitude, longitude_deg=-longitude
+        )
+    if abs(longitude) <= 90:
+        swapped = f"site.latitude_deg: {longitude:g} and site.longitude_deg: {latitude:g}"
+        yield of("latitude and longitude exchanged", swapped, latitude_deg=longitude, longitude_deg=latitude)
+
+
+def of_mount(site: Site, mount: Mount) -> Iterator[GrossHypothesis]:
+    """Quarter turns, signs and other ways to count azimuth, altitude and roll."""
+    azimuth, altitude, roll = mount.azimuth_deg, mount.altitude_deg, mount.roll_deg
+    tried = (
+        ("azimuth from south", "azimuth", azimuth + 180),
+        ("azimuth off by 90 deg", "azimuth", azimuth + 90),
+        ("azimuth off by 90 deg", "azimuth", azimuth - 90),
+        ("azimuth counted westwards", "azimuth", -azimuth),
+        ("wrong hemisphere of the mount", "azimuth", 180 - azimuth),
+        ("zenith distance for altitude", "altitude", 90 - altitude),
+        ("altitude sign", "altitude", -altitude),
+        ("roll off by 90 deg", "roll", roll + 90),
+        ("roll off by 180 deg", "roll", roll + 180),
+        ("roll off by 90 deg", "roll", roll - 90),
+        ("roll sign", "roll", -roll),
+    )
+    for cause, name, value in tried:
+        angle = value if name == "altitude" else value % 360
+        if abs(angle) <= (90 if name == "altitude" else 360):
+            size = f"the stars fit mount.{name}_deg: {angle:g}"
+            changed: dict[str, Any] = {f"{name}_deg": angle}
+            yield GrossHypothesis(cause, size, CORRECT, site, replace(mount, **changed))
+    if azimuth % 360 <= 90 and altitude >= 0:
+        size = f"the stars fit mount.azimuth_deg: {altitude:g} and mount.altitude_deg: {azimuth % 360:g}"
+        exchanged = replace(mount, azimuth_deg=altitude, altitude_deg=azimuth % 360)
+        yield GrossHypothesis("azimuth and altitude exchanged", size, CORRECT, site, exchanged)
+
+
+def of_clock(stated: GrossHypothesis, fast_s: float) -> Iterator[GrossHypothesis]:
+    """Whole hours, time zones and days, of those that turn the sky by what is seen about the pole."""
+    for fast in (fast_s + days * SIDEREAL_DAY_S for days in (-1, 0, 1)):
+        hours = _nearest_zone(fast / 3600)
+        near_s = _NEAR_S if hours in _USUAL_HOURS else _VERY_NEAR_S
+        if hours and abs(fast - 3600 * hours) < near_s and abs(fast) < _MOST_CLOCK_S:
+            cause, size = _clock_words(hours)
+            yield replace(stated, cause=cause, size=size, next_step=SET_CLOCK, clock_s=3600.0 * hours)
+
+
+def _nearest_zone(hours: float) -> float:
+    return min((round(2 * hours) / 2, *_QUARTER_HOURS), key=lambda zone: abs(zone - hours))
+
+
+def _clock_words(hours: float) -> tuple[str, str]:
+    way = "ahead of" if hours > 0 else "behind"
+    if abs(hours) == 24:
+        return "clock off by a day", f"the host's date is one day {way} UTC"
+    size = f"the host's clock is {abs(hours):g} h {way} UTC"
+    if -12 <= hours <= 14:
+        minutes = round(60 * abs(hours))
+        zone = f"UTC{'+' if hours > 0 else '-'}{minutes // 60}" + (f":{minutes % 60}" if minutes % 60 else "")
+        return "clock set to local time", f"{size}, as the local time of the zone {zone} is"
+    return "clock off by hours", size
+
+
+# Raw attitudes: what a sensor sees of the catalogue's sky, before site, clock and mount are asked.
+
+_FRAMES = 15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawAttitudes:
+    """Attitudes as a sensor sees them, icrs_to_sensor (M, 3, 3) of catalogue places, at instants (M,) of the host.
+
+    ``field_sensor`` (N, 3) are directions over the field of its camera.
+    """
+
+    utc_ns: NDArray[np.int64]
+    icrs_to_sensor: NDArray[np.float64]
+    field_sensor: NDArray[np.float64]
+
+    def some(self, mask: NDArray[np.bool_]) -> "RawAttitudes":
+        """First, middle and last of the masked (M,)."""
+        return self.taken(np.flatnonzero(mask)[[0, int(mask.sum()) // 2, -1]])
+
+    def taken(self, rows: NDArray[np.int64]) -> "RawAttitudes":
+        """Some of them."""
+        return RawAttitudes(self.utc_ns[rows], self.icrs_to_sensor[rows], self.field_sensor)
+
+    @classmethod
+    def of(cls, frames: Columns, answered: NDArray[np.int64], camera: Camera) -> "RawAttitudes":
+        """From frames (rows of FRAME) of which these rows are answered, evenly spaced over them."""
+        rows = answered[np.unique(np.linspace(0, len(answered) - 1, min(len(answered), _FRAMES)).astype(np.int64))]
+        angles = np.column_stack([frames[name][rows] for name in ("ra_deg", "de_deg", "roll_deg")]).tolist()
+        rotations = np.array([Attitude.from_angles(*of_one).icrs_to_sensor for of_one in angles])
+        x, y = 0.7 * np.array([camera.columns, camera.rows]) / (2 * camera.focal_length_px)
+        field = np.array([[0, 0, 1.0], [x, y, 1.0], [-x, y, 1.0], [x, -y, 1.0], [-x, -y, 1.0]])
+        return cls(frames["utc_ns"][rows], rotations, field / np.linalg.norm(field, axis=1)[:, None])
+
+
+def mount_under(raw: RawAttitudes, under: GrossHypothesis, orientation: EarthOrientation) -> NDArray[np.float64]:
+    """The measured directions of the mount (M, 3, 3), corrected as a hypothesis has it."""
+    truth = SiderealTruth(under.site, orientation)
+    rotations = []
+    for stamp_ns, icrs_to_sensor in zip(raw.utc_ns.tolist(), raw.icrs_to_sensor, strict=True):
+        utc_ns = stamp_ns - round(under.clock_s * NS_PER_S)
+        to_horizon = truth.icrs_to_horizon(utc_ns)
+        straight = truth.unrefracted(raw.field_sensor, product(icrs_to_sensor, to_horizon[2]))
+        apparent = truth.apparent(product(raw.field_sensor, icrs_to_sensor), utc_ns)
+        rotations.append(product(solve_attitude(straight, apparent, 1e-4).icrs_to_sensor, to_horizon.T))
+    return np.array(rotations)
+
+
+def error_deg_of(measured: NDArray[np.float64], mount: Mount) -> float:
+    """How far measured directions (M, 3, 3) are from a mount, on average over the frames."""
+    turns = small_rotations(measured, horizon_to_sensor(mount))
+    return math.degrees(length(turns.mean(axis=0)))
+
+
+def errors_arcsec(measured: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Errors (M, 3) of rotations along columns, along rows, and of roll."""
+    return boresight_shifts(small_rotations(measured, true)) * ARCSEC_PER_RAD
+
+
+def central(rotations: NDArray[np.float64]) -> int:
+    """The rotation that is nearest to half of the others: no false answer."""
+    distance2 = ((rotations[:, None] - rotations[None]) ** 2).sum(axis=(2, 3))
+    return int(np.median(distance2, axis=1).argmin())
+
+
+# The turn of a set-up that no single mistake explains: about which axis, by how much, or seen from where.
+
+DATE_S = 4.0
+"""A date that is off by days moves the stars by aberration and precession too, by 40 arcsec at most in half a year."""
+_AXIS_SHARE = 0.05
+_SITE_ROUNDS, _SITE_STEP_DEG, _MOST_LATITUDE_DEG = 6, 0.01, 89.9
+_CHECK_MOUNT = "check the angles of the mount, then: gse align SESSION --accept-gross --write FILE"
+
+
+def turned(
+    raw: RawAttitudes, stated: GrossHypothesis, turn: NDArray[np.float64], orientation: EarthOrientation
+) -> Finding:
+    """The turn about one axis that explains most, or a mount that looks elsewhere."""
+    site, mount = stated.site, stated.mount
+    axes: tuple[tuple[NDArray[np.float64], Callable[[float], Finding]], ...] = (
+        (pole(site), lambda angle: _about_the_pole(refined_s(raw, stated, angle, orientation), site)),
+        (VERTICAL, lambda angle: _of_angle("azimuth", angle, mount)),
+        (level_axis(mount), lambda angle: _of_angle("altitude", angle, mount)),
+        (horizon_to_sensor(mount)[2], lambda angle: _of_angle("roll", angle, mount)),
+        (EAST, lambda angle: _of_latitude(site, angle)),
+    )
+    error_deg = math.degrees(size_rad(turn))
+    fits = [(*about(axis, turn), said) for axis, said in axes]
+    good = [(angle, said) for angle, left, said in fits if math.degrees(left) < max(_AXIS_SHARE * error_deg, SAME_DEG)]
+    if good:
+        found, *others = (said(angle) for angle, said in good)
+        return replace(found, equals=(*found.equals, *(f"{one.cause} ({one.size})" for one in others)))
+    if elsewhere := _elsewhere(raw, stated, orientation):
+        return elsewhere
+    fitted = mount_of(product(horizon_to_sensor(mount), turn))
+    return Finding(
+        "mount",
+        f"it looks {angle_text(error_deg)} from where the station file says: the stars fit azimuth "
+        f"{fitted.azimuth_deg:.2f}, altitude {fitted.altitude_deg:.2f}, roll {fitted.roll_deg:.2f} deg, stated are "
+        f"{mount.azimuth_deg:g}, {mount.altitude_deg:g}, {mount.roll_deg:g} deg; no single mistake explains it",
+        ("two mistakes at once of site, clock and mount",),
+        _CHECK_MOUNT,
+        is_gross=True,
+    )
+
+
+def _elsewhere(raw: RawAttitudes, stated: GrossHypothesis, orientation: EarthOrientation) -> Finding | None:
+    """Another latitude and longitude, where they explain all three angles: by Newton's steps from the stated ones."""
+    at = stated
+
+    def off_rad(under: GrossHypothesis) -> NDArray[np.float64]:
+        turns = small_rotations(mount_under(raw, under, orientation), horizon_to_sensor(under.mount))
+        return np.asarray(turns.mean(axis=0))
+
+    for _ in range(_SITE_ROUNDS):
+        off = off_rad(at)
+        slopes = [
+            (off_rad(_moved(at, *step)) - off) / _SITE_STEP_DEG
+            for step in ((_SITE_STEP_DEG, 0.0), (0.0, _SITE_STEP_DEG))
+        ]
+        step_deg = lstsq(np.column_stack(slopes), -off)
+        if abs(at.site.latitude_deg + float(step_deg[0])) > _MOST_LATITUDE_DEG:
+            return None
+        at = _moved(at, *step_deg.tolist())
+    if math.degrees(length(off_rad(at))) > SAME_DEG:
+        return None
+    size = f"the stars fit site.latitude_deg: {at.site.latitude_deg:.3f} and longitude_deg: {at.site.longitude_deg:.3f}"
+    size += f", stated are {stated.site.latitude_deg:g} and {stated.site.longitude_deg:g}"
+    return Finding("site", size, ("a mount whose base is not level",), CORRECT, is_gross=True)
+
+
+def _moved(under: GrossHypothesis, north_deg: float, east_deg: float) -> GrossHypothesis:
+    site = under.site
+    longitude_deg = (site.longitude_deg + east_deg + 180) % 360 - 180
+    return replace(under, site=replace(site, latitude_deg=site.latitude_deg + north_deg, longitude_deg=longitude_deg))
+
+
+def refined_s(raw: RawAttitudes, stated: GrossHypothesis, angle_rad: float, orientation: EarthOrientation) -> float:
+    """How fast the clock is, once refraction is taken off about the right zenith."""
+    fast_s = angle_rad / EARTH_RATE_RAD_PER_S
+    measured = mount_under(raw, replace(stated, clock_s=fast_s), orientation)[0]
+    return (
+        fast_s
+        + about(pole(stated.site), product(horizon_to_sensor(stated.mount).T, measured))[0] / EARTH_RATE_RAD_PER_S
+    )
+
+
+def _about_the_pole(fast_s: float, site: Site) -> Finding:
+    size = f"the host's clock is {_duration(abs(fast_s))} {'fast' if fast_s > 0 else 'slow'}"
+    fits_deg = (site.longitude_deg - math.degrees(fast_s * EARTH_RATE_RAD_PER_S) + 180) % 360 - 180
+    longitude = f"longitude (the stars fit site.longitude_deg: {fits_deg:.4f})"
+    equals = (longitude, "a mount turned about the pole", *wrong_dates(fast_s))
+    return Finding("clock offset", size, equals, SET_CLOCK, is_gross=True)
+
+
+def wrong_dates(fast_s: float) -> Iterator[str]:
+    """Whole days, up to a year, by which a date turns the sky as so fast a clock does."""
+    for days in (*range(2, 184), 365, 366):
+        for off in (days, -days):
+            turned_s = 86_400 * off - SIDEREAL_DAY_S * round((86_400 * off - fast_s) / SIDEREAL_DAY_S)
+            if abs(turned_s - fast_s) < DATE_S:
+                yield f"a date that is {days} days {'ahead' if off > 0 else 'behind'}"
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{seconds:.2f} s" if seconds < 60 else f"{minutes // 60} h {minutes % 60} min {rest} s"
+
+
+def _of_angle(name: str, turn_rad: float, mount: Mount) -> Finding:
+    off_deg = math.degrees(turn_rad) * (-1 if name == "altitude" else 1)
+    fits = getattr(mount, f"{name}_deg") + off_deg
+    if name != "altitude":
+        fits %= 360
+    size = f"its {name} is off by {off_deg:+.3f} deg: the stars fit mount.{name}_deg: {fits:.3f}"
+    return Finding("mount", size, (), _CHECK_MOUNT, is_gross=True)
+
+
+def _of_latitude(site: Site, turn_rad: float) -> Finding:
+    fits_deg = site.latitude_deg + math.degrees(turn_rad)
+    size = f"the stars fit site.latitude_deg: {fits_deg:.3f}, stated is {site.latitude_deg:g}"
+    return Finding("latitude", size, (), CORRECT, is_gross=True)
+
+
+def angle_text(angle_deg: float) -> str:
+    """Degrees, or arcseconds of a small angle."""
+    return f"{angle_deg:.2f} deg" if angle_deg >= 0.1 else f"{angle_deg * 3600:.0f} arcsec"
+
 
 GROSS_DEG = 0.3
 """Smaller errors are left to gse.diagnosis.fine_causes: a mount that is set by hand is off by as much."""
@@ -45,7 +348,7 @@ class GrossCause:
 
 def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation) -> GrossCause | None:
     """The gross cause of a session on a stated site and mount; None where nothing is gross."""
-    stated = Hypothesis("", "", "", site, mount)
+    stated = GrossHypothesis("", "", "", site, mount)
     measured = mount_under(raw, stated, orientation)
     apart_deg = np.degrees(np.linalg.norm(small_rotations(measured, measured[central(measured)]), axis=1))
     steady = apart_deg < _STEADY_DEG
@@ -82,7 +385,7 @@ def left_with(
     raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation, fast_s: float
 ) -> NDArray[np.float64]:
     """The errors (M, 3) that are left at a site when the host's clock is so fast: columns, rows, roll, in arcsec."""
-    under = Hypothesis("", "", "", site, mount, fast_s)
+    under = GrossHypothesis("", "", "", site, mount, fast_s)
     return errors_arcsec(mount_under(raw, under, orientation), horizon_to_sensor(mount))
 
 
@@ -106,3 +409,47 @@ def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> GrossCause | None:
         is_gross=True,
     )
     return GrossCause(finding, np.zeros((0, 3)))
+
+
+# The gross cause of a session: its answers against the stated site, mount and clock.
+
+_TURNED_BACK_NS = 2 * NS_PER_DAY
+"""More than any mistake that is tried turns the clock back by."""
+
+
+def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | None:
+    """The mistake of the set-up, against the stated angles of the mount, whether or not a fit replaced them."""
+    cause = gross_cause_of(session, counted)
+    return cause.finding if cause else None
+
+
+def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause | None:
+    """The same with the errors that it leaves."""
+    mount, orientation = session.station.mount, session.earth_orientation
+    raw = _raw_attitudes(session, counted)
+    if raw is None or orientation is None:
+        return None
+    return gross_cause(raw, session.station.site, mount, orientation)
+
+
+def left_under(
+    session: SessionData, counted: CountedFrames, *, fast_s: float = 0.0, site: Site | None = None
+) -> NDArray[np.float64]:
+    """The errors (M, 3) that a session shows with another clock or site than stated, in arcsec; none of no answers."""
+    raw, orientation = _raw_attitudes(session, counted), session.earth_orientation
+    if raw is None or orientation is None:
+        return np.zeros((0, 3))
+    return left_with(raw, site or session.station.site, session.station.mount, orientation, fast_s)
+
+
+def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes | None:
+    """Of some answers on a stated mount that is fixed to the ground."""
+    mount = session.station.mount
+    frames = session.frames.columns
+    checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    has_roll = np.isfinite(frames["roll_deg"])  # an external identifier may answer RA and DE alone
+    has_truth = frames["utc_ns"] >= FIRST_NS + _TURNED_BACK_NS
+    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll & has_truth)
+    if not mount.stated or mount.inertial is not None or not len(rows):
+        return None
+    return RawAttitudes.of(frames, rows, session.station.sensor.camera())

@@ -1,6 +1,6 @@
 """How late frames are read against the sensor's time tags: a link that delays them from some moment on.
 
-UTC of a frame comes from the least lateness of the last half minute (gse.station.sensor_clock), so a delay that begins
+UTC of a frame comes from the least lateness of the last half minute (gse.station.reception), so a delay that begins
 moves the frames half a minute afterwards, and one that ends at once.
 """
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps
 from gse.station.frame_columns import Columns
+from gse.values.instant import NS_PER_S
 
 CRYSTAL_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""

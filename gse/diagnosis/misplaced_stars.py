@@ -6,11 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.finding import Finding
 from gse.station.frame_columns import Columns
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.counted_frames import CountedFrames
+from gse.values.finding import Finding
 
 _LOW_DEG = 10.0
 """At an altitude of 10 deg air lifts stars by 5 arcmin, at 30 deg by 1.7: a field holds both."""

@@ -1,22 +1,212 @@
 """Plain findings: what events, counts and rates of a session say by themselves, without a model of its errors."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
-from gse.count_text import count_text
 from gse.diagnosis.late_frames import CRYSTAL_PPM
 from gse.diagnosis.misplaced_stars import FALLEN_OUT_SHARE
-from gse.finding import Finding
-from gse.instant import NS_PER_S
-from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_table import STATUSES
+from gse.station.clock_steps import clock_steps, first_rows
+from gse.station.columns import STATUSES
+from gse.station.events import ClockStep, StationKind
+from gse.station.frame_columns import Columns
 from gse.station.results import Status
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
+from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.low_field import air_in_field, only_reference_answers
 from gse.statistics.session_statistics import Statistics
+from gse.statistics.slopes import slope_within
+from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.values.finding import Finding
+from gse.values.instant import NS_PER_S, to_text
+from gse.values.text import count_text, percent
+
+# Panoramas that show the same objects on the same pixels while the sky moves: a sensor whose picture is frozen.
+#
+# The link detects repeated frames with one time tag (FROZEN); this sensor counts on and sends its last picture again.
+# Errors then grow with the Earth's turn, which looks like a driven mount or a mount that moves.
+
+_FEWEST = 10
+_LEAST_MOVED_PX = 5.0
+"""Whole pixels of a bright star stay the same while the sky moves by one."""
+
+
+def still_panoramas(session: SessionData) -> Finding | None:
+    """The longest run of them, where the sky moved by some pixels meanwhile; None of a sensor that follows the sky."""
+    frames, station = session.frames.columns, session.station
+    rows, place = np.unique(session.frames.matches["frame"], return_inverse=True)
+    if station.mount.inertial is not None or len(rows) < _FEWEST:
+        return None
+    first, last = _longest_run(rows, _pictures(session.frames.matches, place))
+    camera = station.sensor.camera()
+    declination = math.radians(float(np.nan_to_num(frames["de_true_deg"][rows[first]])))
+    across = max(math.cos(declination), camera.diagonal_rad / 2)  # at the pole the field turns about its middle
+    seconds = float(frames["utc_ns"][rows[last]] - frames["utc_ns"][rows[first]]) / NS_PER_S
+    moved_px = EARTH_RATE_ARCSEC_PER_S * seconds * across / (camera.pixel_rad * ARCSEC_PER_RAD)
+    if last - first + 1 < _FEWEST or moved_px < _LEAST_MOVED_PX:
+        return None
+    return Finding(
+        "frozen sensor",
+        f"{last - first + 1} panoramas in a row show the same objects on the same pixels, for {seconds:.0f} s in which "
+        f"the sky moves by {moved_px:.0f} px; their time tags go on",
+        ("a sensor that looks at a picture, not at the sky",),
+        "switch the sensor off and on: it repeats one picture; ask the maker",
+    )
+
+
+def _pictures(matches: NDArray[np.void], place: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Number and sums of the places (L, 3) of the stars of each frame, the same where the stars are the same."""
+    x, y = matches["x_px"].astype(np.float64), matches["y_px"].astype(np.float64)
+    return np.column_stack([np.bincount(place, weights=part) for part in (np.ones(len(place)), x, y)])
+
+
+def _longest_run(rows: NDArray[np.int64], pictures: NDArray[np.float64]) -> tuple[int, int]:
+    """First and last place of the longest run of equal pictures of frames that follow each other."""
+    changes = (pictures[1:] != pictures[:-1]).any(axis=1) | (np.diff(rows) > 1)
+    edges = np.concatenate([[0], np.flatnonzero(changes) + 1, [len(rows)]])
+    longest = int(np.diff(edges).argmax())
+    return int(edges[longest]), int(edges[longest + 1]) - 1
+
+
+# Faults of the sensor's time tags: tags that stand still, leap, or run fast or slow for a while.
+
+LEAP_S = 0.5
+"""A tag that is ahead of the host by this much more than in the frame before, though no frame is missing, has leapt."""
+
+_FEWEST_STUCK = 3
+_OFTEN_STUCK = 0.1
+"""Of the frames: the instants of these are not known, and what fits their errors is no cause."""
+_RATE_FRAMES = 40
+_RATE_OFF = 0.05
+"""A share that no oscillator is off by."""
+_SIGMAS = 5.0
+_MAD, _OF_MEDIAN = 1.4826, 1.2533
+"""Standard deviation of normal numbers in their median deviation, and error of their median in that of their mean."""
+
+
+def time_tag_faults(frames: Columns, events: Sequence[LinkEvent]) -> tuple[str, ...]:
+    """A line for each kind of fault in frames (rows of FRAME, in order of arrival); nothing without host times."""
+    if len(frames) < 3 or not (frames["host_utc_ns"] > 0).all():
+        return ()
+    return (*_stuck(frames), *_leaps(frames, events), *_rate(frames))
+
+
+def often_stand_still(frames: Columns) -> bool:
+    """Whether so many tags stood still that the instants of the frames (rows of FRAME) tell no cause."""
+    return len(frames) >= _FEWEST_STUCK and _still(frames) > _OFTEN_STUCK * len(frames)
+
+
+def _still(frames: Columns) -> int:
+    """In how many frames the tag stood still while the host's clock went on."""
+    tags_us = frames["time_us"].astype(np.int64)
+    host_ns = np.diff(frames["host_utc_ns"])
+    return int(((np.diff(tags_us) == 0) & (host_ns > np.median(host_ns) / 2)).sum())
+
+
+def _stuck(frames: Columns) -> Iterator[str]:
+    if (still := _still(frames)) >= _FEWEST_STUCK:
+        yield f"sensor time tag: it stood still in {still} frames while the host's clock went on"
+
+
+def _leaps(frames: Columns, events: Sequence[LinkEvent]) -> Iterator[str]:
+    tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
+    host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
+    numbers = np.maximum(np.diff(frames["frame_no"].astype(np.int64)), 1)
+    ahead_s: NDArray[np.float64] = tags_s - host_s
+    leaps = (tags_s > 0) & (ahead_s > LEAP_S + 1.5 * np.median(tags_s) * numbers)
+    for row in first_rows(frames["host_utc_ns"], clock_steps(events)):
+        leaps[row - 1 : row] = False
+    rows = np.flatnonzero(leaps)
+    if len(rows):
+        first = int(rows[0])
+        when = to_text(int(frames["host_utc_ns"][first + 1]), 1)
+        more = f", and {len(rows) - 1} times more" if len(rows) > 1 else ""
+        yield f"sensor time tag: it leapt by {ahead_s[first]:+.2f} s at {when}{more}"
+
+
+def _rate(frames: Columns) -> Iterator[str]:
+    """The stretch of frames in which tags were fastest or slowest against the host's clock, if by far too much."""
+    tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
+    host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
+    regular = np.flatnonzero((tags_s > 0) & (host_s > np.median(host_s) / 2))
+    blocks = regular[: len(regular) // _RATE_FRAMES * _RATE_FRAMES].reshape(-1, _RATE_FRAMES)
+    off = _off(tags_s[blocks] / host_s[blocks])
+    if len(off) and np.abs(off).max() > _RATE_OFF:
+        worst = int(np.abs(off).argmax())
+        when = to_text(int(frames["host_utc_ns"][blocks[worst, 0]]), 1)
+        how = "fast" if off[worst] > 0 else "slow"
+        yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"
+
+
+def _off(rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By how much the median of each row of rates (K, N) is off (K,), zero where their jitter explains it."""
+    median = np.median(rates, axis=1)
+    deviation = np.median(np.abs(rates - median[:, None]), axis=1)
+    error = _OF_MEDIAN * _MAD * deviation / math.sqrt(rates.shape[1])
+    return np.where(np.abs(median - 1) > _SIGMAS * error, median - 1, 0.0)
+
+
+# Focus over a session: single stars that scatter more and more about their places, though they stay as bright.
+
+LEAST_RATIO = 1.5
+_LEAST_SIGMAS = 5.0
+_FEWEST_STARS, _FEWEST_ROWS = 6, 200
+_HIDDEN_PX = 0.1
+"""Residuals that are smaller by chance have no logarithm of use."""
+_AS_BRIGHT = 0.75
+"""Of the transparency at the beginning: stars behind a cloud are faint, and scatter for that."""
+
+
+@dataclass(frozen=True, slots=True)
+class FocusLoss:
+    """Scatter of single stars along one axis in the first and in the last quarter of a session."""
+
+    first_px: float
+    last_px: float
+
+
+def focus_loss(session: SessionData, counted: CountedFrames) -> FocusLoss | None:
+    """None where the scatter does not grow, or the stars fade; from the same stars, so that fainter ones do no harm."""
+    frames, matches = session.frames.columns, session.frames.matches
+    matches = matches.compress(counted.used[matches["frame"]])
+    if len(matches) < _FEWEST_ROWS or _fades(frames["transparency"][counted.used]):
+        return None
+    pixel_arcsec = session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD
+    residuals = np.array([matches["residual_x_arcsec"], matches["residual_y_arcsec"]], dtype=np.float64) / pixel_arcsec
+    squares = (residuals**2).mean(axis=0)
+    utc_ns = frames["utc_ns"][matches["frame"]]
+    at = (utc_ns - utc_ns.min()) / max(int(np.ptp(utc_ns)), 1)
+    found = slope_within(at, np.log(squares + _HIDDEN_PX**2), matches["star"], _FEWEST_STARS)
+    parts = squares[at < 1 / 4], squares[at >= 3 / 4]
+    if found is None or not found[0] > _LEAST_SIGMAS / 1.96 * found[1] or not all(len(part) for part in parts):
+        return None
+    first_px, last_px = (math.sqrt(float(part.mean())) for part in parts)
+    return FocusLoss(first_px, last_px) if last_px >= LEAST_RATIO * first_px else None
+
+
+def focus_finding(loss: FocusLoss) -> Finding:
+    """It in words."""
+    return Finding(
+        "defocus",
+        f"single stars scatter by {loss.last_px:.2f} px in the last quarter of the session, by {loss.first_px:.2f} px "
+        "in the first, and are as bright as before",
+        ("seeing that grows", "a vibration that smears single stars"),
+        "look at focus and temperature of the lens, and repeat the session",
+    )
+
+
+def _fades(transparency: NDArray[np.float32]) -> bool:
+    transparency = transparency[np.isfinite(transparency)]
+    part = max(len(transparency) // 4, 1)
+    return bool(len(transparency)) and bool(
+        np.median(transparency[-part:]) < _AS_BRIGHT * np.median(transparency[:part])
+    )
+
 
 _FEWEST_DRIFTING = 10
 _ENOUGH = 2

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.slope_within import slope_within
-from gse.finding import Finding
-from gse.instant import NS_PER_S
-from gse.matrices import straight_line
-from gse.station.frame_table import SKY_CONDITIONS
+from gse.station.columns import SKY_CONDITIONS
 from gse.station.housekeeping import firmware_text
 from gse.station.results import SkyCondition
 from gse.station.session_data import SessionData
-from gse.statistics.theil_sen import theil_sen
+from gse.statistics.slopes import slope_within, theil_sen
+from gse.values.finding import Finding
+from gse.values.instant import NS_PER_S
+from gse.values.matrices import straight_line
 from protocols import StatusMessage
 
 BLOCKS = 60

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.competing_models import Columns, Fitted, Observed
+from gse.diagnosis.competing_models import Fitted, Observed, Predictions
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS, FieldOfErrors
 from gse.diagnosis.turns import VERTICAL, level_axis
-from gse.matrices import cholesky, inv, pinv, product
-from gse.mount import Mount
-from gse.site import Site
-from gse.star_influence import boresight_shifts
 from gse.truth import horizon_to_sensor
+from gse.values.matrices import cholesky, inv, pinv, product
+from gse.values.mount import Mount
+from gse.values.site import Site
+from gse.values.star_influence import boresight_shifts
 
 FLOOR_ARCSEC = np.array([0.3, 0.3, 1.0])
 """What the models of air and stars leave open, along columns, rows and about the boresight."""
@@ -71,7 +71,7 @@ class SessionModel:
         """Degrees of freedom of what single stars keep."""
         return self.field.stars.freedom if self.field else 1.0
 
-    def left_open(self, columns: Columns, fit: Fitted, count: int) -> NDArray[np.float64]:
+    def left_open(self, columns: Predictions, fit: Fitted, count: int) -> NDArray[np.float64]:
         """Covariance of the last coefficients, of changes over time, by what single stars keep and models leave open.
 
         Neither is in the covariance of the fit, which knows how the errors scatter from one frame to the next.
@@ -93,13 +93,13 @@ class SessionModel:
         scale = len(series.rows) / len(np.unique(stars.frames))
         return stars.covariance_arcsec2(scale * at.reshape(len(at), *weights.shape[1:]))
 
-    def columns(self, *series_arcsec: NDArray[np.float64], field: NDArray[np.float64] | None = None) -> Columns:
+    def columns(self, *series_arcsec: NDArray[np.float64], field: NDArray[np.float64] | None = None) -> Predictions:
         """Columns of errors (M, 3) each, with the parameters (F, P) of the field."""
         means = np.stack([one.mean(axis=0) for one in series_arcsec], axis=1)
         ordinates = np.stack([self.series.cosines(one) for one in series_arcsec], axis=2)
         cosines = np.einsum("ij,kjp->kip", self.decorrelate, ordinates)
         none = np.zeros((len(PARAMETERS), len(series_arcsec)))
-        return Columns(product(self.decorrelate, means), cosines, none if field is None else field)
+        return Predictions(product(self.decorrelate, means), cosines, none if field is None else field)
 
     def shift(self, axis_horizon: NDArray[np.float64]) -> NDArray[np.float64]:
         """Shifts (3,) of the error where the measured mount is turned by 1 about an axis of the horizon frame."""

@@ -17,18 +17,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.axis import D_DE, D_RA_COSDE, D_ROLL
 from gse.diagnosis.fine_findings import CLOCK_SCALES
+from gse.diagnosis.gross_causes import gross_cause_of, left_under
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
-from gse.diagnosis.session_gross_cause import gross_cause_of, left_under
-from gse.finding import Finding
-from gse.limits import Limits
-from gse.station.event_kinds import StationKind
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.events import StationKind
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.excuses import Mistake, Mistaken
+from gse.values.axis import D_DE, D_RA_COSDE, D_ROLL
+from gse.values.finding import Finding
+from gse.values.limits import Limits
 
 _OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
 _NO_STATION = "station file"

@@ -6,10 +6,10 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.matrices import length, product
-from gse.mount import Mount
-from gse.site import Site
 from gse.truth import horizon_to_sensor
+from gse.values.matrices import length, product
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
 EAST = np.array([1.0, 0.0, 0.0])

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
-from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.constants import ARCSEC_RAD
-from gse.matrices import product
-from gse.panorama import MAX_OBJECTS
+from gse.values.attitude import Attitude
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_RAD
+from gse.values.matrices import product
+from gse.values.panorama import MAX_OBJECTS
 
 _FALSE_MAGNITUDES = 4.0
 """False objects lie between the limit and this much brighter."""

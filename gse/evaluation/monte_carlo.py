@@ -24,20 +24,20 @@ from types import FrameType
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import solve_attitude
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles
-from gse.constants import ARCSEC_RAD
 from gse.errors import GseError
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
-from gse.evaluation.plan import Cell, Outcome, Plan
+from gse.evaluation.plan import Cell, FrameOutcome, Plan
 from gse.external.answers import Failure
 from gse.external.identifier import ExternalIdentifier, RunningIdentifier
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
-from gse.matrices import product
-from gse.panorama import Panorama
-from gse.spiral import spiral_directions
+from gse.values.attitude import solve_attitude
+from gse.values.constants import ARCSEC_RAD
+from gse.values.matrices import product
+from gse.values.panorama import Panorama
+from gse.values.spiral import spiral_directions
 
 RIGHT_DEG, COARSE_DEG = 0.05, 0.5
 
@@ -67,14 +67,14 @@ class Evaluator:
         if plan.angle_noise:
             self._source = of_angles(self._source, plan.optics.magnitude_limit)
 
-    def run(self, cell: int, frames: range, stop: Callable[[], bool] = lambda: False) -> list[Outcome]:
+    def run(self, cell: int, frames: range, stop: Callable[[], bool] = lambda: False) -> list[FrameOutcome]:
         """The outcomes of some frames of a cell, up to the first before which ``stop`` is true."""
         if cell not in self._ready:
             self._ready[cell] = self._prepared(self._plan.cells[cell])
             self._outcomes(cell, range(min(_WARM_UP_FRAMES, self._plan.frames)), stop)
         return self._outcomes(cell, frames, stop)
 
-    def _outcomes(self, cell: int, frames: range, stop: Callable[[], bool]) -> list[Outcome]:
+    def _outcomes(self, cell: int, frames: range, stop: Callable[[], bool]) -> list[FrameOutcome]:
         directions = spiral_directions(self._plan.frames, frames)  # of all frames they would be 240 MB for 10^7
         wanted = takewhile(lambda _: not stop(), zip(frames, directions, strict=True))
         return [self._outcome(cell, *each) for each in wanted]
@@ -87,13 +87,13 @@ class Evaluator:
             return FrameMaker(plan.optics, exact, self._source), _for_angles(cell, plan.optics, mission)
         return FrameMaker(plan.optics, conditions, self._source), _for_field(cell, plan.optics, self._source)
 
-    def _outcome(self, cell: int, frame: int, direction: NDArray[np.float64]) -> Outcome:
+    def _outcome(self, cell: int, frame: int, direction: NDArray[np.float64]) -> FrameOutcome:
         maker, identifier = self._ready[cell]
         rng = np.random.default_rng(np.random.SeedSequence(self._plan.seed, spawn_key=(frame,)))
         seen = maker.frame(direction, rng)
         if isinstance(identifier, ExternalIdentifier):
             kind, elapsed_us, failure = _asked(identifier, seen, frame)
-            return Outcome(cell, frame, kind, seen.real_stars, elapsed_us, failure)
+            return FrameOutcome(cell, frame, kind, seen.real_stars, elapsed_us, failure)
         sigma_rad = self._plan.cells[cell].conditions.position_arcsec * ARCSEC_RAD
         identify = _by_angles(identifier, seen, sigma_rad, rng) if self._plan.angle_noise else _whole(identifier, seen)
         started_ns = time.thread_time_ns()
@@ -106,7 +106,7 @@ class Evaluator:
         else:
             first_right = identifier.catalog.ids[answer[1][0]] == seen.star_ids[answer[0][0]]
             kind = "right" if first_right else "false"
-        return Outcome(cell, frame, kind, seen.real_stars, cpu_us)
+        return FrameOutcome(cell, frame, kind, seen.real_stars, cpu_us)
 
 
 def of_angles(source: StarCatalog, magnitude_limit: float) -> StarCatalog:
@@ -186,7 +186,7 @@ def _for_field(cell: Cell, optics: Optics, source: StarCatalog) -> Identifier | 
     return RobustIdentifier(optics.camera, source, stars=stars, field_of_view_deg=optics.field_of_view_deg)
 
 
-def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
+def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[FrameOutcome]]:
     """The outcomes chunk by chunk, the same in the same order for any number of worker processes.
 
     Chunks are strided over the spiral and go through the cells in turn, so that the first of them, where the rest is
@@ -203,7 +203,7 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
     load_catalog(plan.catalog)  # so that its errors are raised here, not in a worker that cannot start
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(plan,))
-    queued: deque[Future[list[Outcome]]] = deque()
+    queued: deque[Future[list[FrameOutcome]]] = deque()
     try:
         with _interrupt_noted() as interrupted:
             for task in tasks(plan):
@@ -229,7 +229,7 @@ def tasks(plan: Plan) -> Iterator[tuple[int, range]]:
     return ((cell, range(c, plan.frames, chunks)) for c in range(chunks) for cell in range(len(plan.cells)))
 
 
-def _result(future: Future[list[Outcome]], interrupted: threading.Event) -> list[Outcome]:
+def _result(future: Future[list[FrameOutcome]], interrupted: threading.Event) -> list[FrameOutcome]:
     """The result of a worker; KeyboardInterrupt soon after a Ctrl-C, wherever it came."""
     while not interrupted.is_set():
         if wait([future], _LOOK_EVERY_S).done:
@@ -282,5 +282,5 @@ def _start_worker(plan: Plan) -> None:
     _worker_bench[:] = [Evaluator(plan)]
 
 
-def _work(cell: int, frames: range) -> list[Outcome]:
+def _work(cell: int, frames: range) -> list[FrameOutcome]:
     return _worker_bench[0].run(cell, frames)

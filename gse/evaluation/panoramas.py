@@ -25,10 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.host_files import only_a_file
-from gse.attitude import solve_attitude
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
-from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
 from gse.errors import TableError, UsageError
 from gse.evaluation.frames import FrameMaker
 from gse.evaluation.monte_carlo import COARSE_DEG, RIGHT_DEG
@@ -38,11 +35,14 @@ from gse.external.identifier import RunningIdentifier
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, make_identifier
-from gse.identifier_options import IdentifierOptions
 from gse.imaging.panorama_table import read_panorama_table
-from gse.panorama import Panorama
-from gse.spiral import spiral_directions
-from gse.statistics.percentiles import percentiles
+from gse.statistics.sampling import percentiles
+from gse.values.attitude import solve_attitude
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
+from gse.values.spiral import spiral_directions
 
 SCHEMA = "gse.benchmark/1"
 MOST_PANORAMAS = 100_000

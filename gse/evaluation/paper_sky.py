@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from drivers.whole_file import write_whole
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog
-from gse.drawing.palette import BLUE, ORANGE, hex_of
 from gse.evaluation.monte_carlo import of_angles
 from gse.evaluation.plan import Plan
-from gse.identifier.cells import Cells
+from gse.identifier.pivot import Cells
 from gse.identifier.tables import pair_table
-from gse.matrices import product
-from gse.spiral import spiral_directions
+from gse.values.matrices import product
+from gse.values.spiral import spiral_directions
+from gse.view.drawing import BLUE, ORANGE, hex_of
 
 SOURCE_STARS = 9096
 """Stars of the Bright Star Catalogue without the 14 entries that are none: of another source its brightest ones."""

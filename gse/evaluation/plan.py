@@ -2,16 +2,48 @@
 
 import math
 import textwrap
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gse.camera import Camera
-from gse.evaluation.cpu_times import CpuTimes
+import numpy as np
+
 from gse.evaluation.frames import Conditions, Optics
 from gse.external.answers import Failure
-from gse.identifier_options import IdentifierOptions
-from gse.statistics.percentiles import Percentiles
+from gse.statistics.sampling import Percentiles
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+
+# CPU times of any number of frames, counted to four digits: memory does not grow with the frames.
+
+_NAN = float("nan")
+
+
+class CpuTimes:
+    """Counts of times in us; one that is unknown is a frame, but no time."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self._counts: Counter[float] = Counter()
+
+    def add(self, cpu_us: float) -> None:
+        """Count the time of a frame."""
+        self.frames += 1
+        if math.isfinite(cpu_us):
+            self._counts[float(f"{cpu_us:.4g}")] += 1
+
+    def percentiles(self) -> Percentiles:
+        """As numpy's of the rounded times."""
+        times = np.array(sorted(self._counts), dtype=np.float64)
+        if not len(times):
+            return Percentiles(0, _NAN, _NAN, _NAN, _NAN)
+        ends = np.cumsum([self._counts[time] for time in times.tolist()])
+        ranks = np.array([0.5, 0.95, 0.99]) * (ends[-1] - 1)
+        lower, upper = (times[np.searchsorted(ends, rank, side="right")] for rank in (np.floor(ranks), np.ceil(ranks)))
+        p50, p95, p99 = (lower + (ranks % 1) * (upper - lower)).tolist()
+        return Percentiles(int(ends[-1]), p50, p95, p99, float(times[-1]))
+
 
 SCHEMA = "gse.evaluation/1"
 CONFIDENCE = 0.95
@@ -46,7 +78,7 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class FrameOutcome:
     """Outcome of one frame of one cell; ``failure`` is how an external identifier failed, None where it did not."""
 
     cell: int
@@ -125,7 +157,7 @@ class Tally:
         return sum(self.counted.values())
 
 
-class Counter:
+class OutcomeCounter:
     """Counts the outcomes of a plan as they come; nothing is kept of a single frame."""
 
     def __init__(self, plan: Plan) -> None:
@@ -136,7 +168,7 @@ class Counter:
         self._failures: list[dict[str, int]] = [{} for _ in plan.cells]
         self._first_failure: list[str | None] = [None for _ in plan.cells]
 
-    def add(self, done: Sequence[Outcome]) -> int:
+    def add(self, done: Sequence[FrameOutcome]) -> int:
         """Count outcomes; returns how many they were."""
         for outcome in done:
             counts = self._counted if outcome.real_stars >= self._fewest_stars else self._excluded

@@ -8,8 +8,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from drivers.whole_file import write_whole
-from gse.drawing.palette import BLUE, GREEN, ORANGE, PINK, SKY_BLUE, VERMILLION, hex_of
 from gse.errors import UsageError
+from gse.view.drawing import BLUE, GREEN, ORANGE, PINK, SKY_BLUE, VERMILLION, hex_of
 
 _AXES = {
     "success-distance.svg": ("noise_arcsec", "Error of position (arcsec, 1 sigma)", "magnitude_noise", "{:g} mag"),

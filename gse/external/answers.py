@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.outside_text import plain_line
-from gse.attitude import Attitude
+from gse.values.attitude import Attitude
 
 SCHEMA = "gse.answer/1"
 MOST_DETAIL = 200

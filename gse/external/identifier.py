@@ -16,7 +16,7 @@ from gse.catalog import StarCatalog
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.child import Child, Log, Reply
 from gse.external.plugs import MOST_AHEAD, Plug, start_failure
-from gse.panorama import Panorama
+from gse.values.panorama import Panorama
 
 MOST_FAILURES_IN_A_ROW = 100
 START_S = 10.0

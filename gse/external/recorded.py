@@ -12,11 +12,11 @@ from typing import Any
 
 from drivers.outside_text import plain_line
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import Message
+from drivers.session_file.records import RecordedMessage
 from gse.external.answers import ExternalAnswer, Failure, FailureKind, parse_answer
 from gse.external.identifier import Given
-from gse.panorama import Panorama
 from gse.recording.session_format import ANSWER_TOPIC
+from gse.values.panorama import Panorama
 
 _SEARCH_AHEAD = 1000
 """Most answers without their panorama between two panoramas."""
@@ -45,7 +45,7 @@ class RecordedAnswers:
         self._messages = (
             record
             for record in read_capture(path, only=(ANSWER_TOPIC,))
-            if isinstance(record, Message) and record.topic == ANSWER_TOPIC
+            if isinstance(record, RecordedMessage) and record.topic == ANSWER_TOPIC
         )
         self._ahead: deque[dict[str, Any]] = deque()
 
@@ -92,7 +92,7 @@ def read_identity(text: str | None) -> dict[str, Any]:
     return {key: None if value is None else plain_line(str(value))[:_MOST_TEXT] for key, value in given.items()}
 
 
-def _document(message: Message) -> dict[str, Any]:
+def _document(message: RecordedMessage) -> dict[str, Any]:
     try:
         document = json.loads(message.data)
     except (ValueError, RecursionError):

@@ -10,11 +10,11 @@ from typing import Protocol, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
 from gse.errors import UsageError
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified
-from gse.identifier_options import IdentifierOptions
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
 
 __all__ = [
     "Answers",

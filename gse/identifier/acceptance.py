@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog
-from gse.constants import ARCSEC_RAD
-from gse.davenport import davenport
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.process.jit import compiled
+from gse.values.attitude import davenport
+from gse.values.constants import ARCSEC_RAD
 
 _GATE = 16.0
 """Area, in squares of the tolerance, where an object fits two distances: a rhombus of (2 d_m)^2 / sin of the angle at

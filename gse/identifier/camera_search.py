@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.neighbour import NeighbourIdentifier
 from gse.identifier.result import Identification, ObjectColumns
-from gse.identifier_options import IdentifierOptions
-from gse.panorama import Panorama
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
 
 REACH = 0.25
 """Largest error of a focal length that is searched for: more is another lens."""

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gse.attitude import solve_attitude, solve_attitudes
 from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
 from gse.process.first_compilation import FirstCompilation, end_with_parent
 from gse.process.jit import is_on_disk, machine_code_folder
+from gse.values.attitude import solve_attitude, solve_attitudes
 
 
 def is_compiled() -> bool:

@@ -6,14 +6,231 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.identifier.attitude_fit import fit
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
-from gse.identifier.robust_tables import SkyTables
-from gse.identifier.search_plan import search_pass
+from gse.identifier.robust_tables import SkyTables, near_bit
+from gse.identifier.search_plan import SearchPass, search_pass
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, attempt_at, noise_of, objects_of, with_noise
-from gse.identifier.verify import named, squared_residuals
-from gse.identifier.votes import FEW_LOOKED_AT, hypotheses_of, pair_rotation
+from gse.identifier.verify import fit, named, squared_residuals
 from gse.process.jit import compiled, compiled_part
+
+# Hypotheses by votes: which star an alpha star may be, at which roll.
+#
+# An alpha star and its nearest partners: for each partner, every catalogue pair of the same distance votes for "the
+# alpha
+# star is this star, at this roll". A true star gets the votes of all its true partners at one roll, so that the
+# partners
+# fit each other and handedness is checked by the vote itself. Two votes that agree make a hypothesis, if other objects
+# have stars near them too.
+
+FEW_LOOKED_AT = 12
+"""A random object has a star near it with a probability of 1 to 3 %."""
+
+_IN_EACH = np.uint64(0x0001_0001_0001_0001)
+_VOTED = np.uint64(0x8000_8000_8000_8000)
+_ROLL = np.uint64(0x7FFF_7FFF_7FFF_7FFF)
+"""A star's last four votes are kept in one word, 16 bits each: that it is a vote, and a roll in 1/32,768 turn."""
+
+
+_Axis = tuple[float, float, float]
+_Triad = tuple[_Axis, _Axis, _Axis]
+
+
+@compiled_part
+def stars_near(near_star: NDArray[np.uint8], places: NDArray[np.float64], axes: _Triad) -> int:
+    """How many of the places (N, 3), along axes in the sky, have any star near them."""
+    (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = axes
+    hits = 0
+    for i in range(len(places)):
+        u, v, w = places[i, 0], places[i, 1], places[i, 2]
+        bit = near_bit(x0 * u + x1 * v + x2 * w, y0 * u + y1 * v + y2 * w, z0 * u + z1 * v + z2 * w)
+        hits += (near_star[bit >> 3] >> (bit & 7)) & 1
+    return hits
+
+
+@compiled_part
+def _put_places(directions: NDArray[np.float64], axes: _Triad, places: NDArray[np.float64]) -> None:
+    """Put directions (N, 3) along the axes of two objects into ``places``."""
+    for i in range(len(directions)):
+        for j, (x, y, z) in enumerate(axes):
+            places[i, j] = x * directions[i, 0] + y * directions[i, 1] + z * directions[i, 2]
+
+
+@compiled_part
+def hypotheses_of(
+    tables: SkyTables,
+    directions: NDArray[np.float64],
+    alpha: int,
+    step: SearchPass,
+    votes: NDArray[np.uint64],
+    candidates: NDArray[np.int64],
+) -> int:
+    """Put the hypotheses of one alpha star that the votes make into ``candidates`` (C, 4); how many.
+
+    A candidate is: objects near a star, partner, star of the alpha, star of the partner. Those with most objects near
+    a star come first; when there are more than C the others are dropped.
+    """
+    bright = min(len(directions), step.objects)
+    faintest = min(tables.pair_stars, int(step.stars_per_object * bright))
+    alpha_faintest = min(faintest, int(step.stars_per_object * (alpha + step.alpha_ranks)))
+    # A vote is cast in one turn about the alpha star. Object k stands at the distance d and the position angle a; a
+    # catalogue pair (s, t) of the length d stands at its own position angle b at s. If the alpha star is s, the roll of
+    # the image is b - a. All true partners give the same star s and the same roll; chance gives rolls at random.
+    #
+    #           k                t
+    #          / a              / b          roll = b - a
+    #     alpha ---        s ---
+    distance, azimuth = np.empty(bright), np.empty(bright, dtype=np.int64)
+    partners = np.empty(bright, dtype=np.int64)
+    found = _partners(directions[:bright], alpha, 8.0 * step.window_rad, distance, azimuth, partners)
+    looked_at = directions[: step.first_tried]
+    icrs, pairs, near_star = tables.icrs, tables.pairs, tables.near_star
+    places = np.empty((len(looked_at), 3))
+    least, plenty, count = _least_hits(bright, len(looked_at)), max(6, (2 * len(looked_at)) // 3), 0
+    votes[:faintest] = 0
+    for p in range(min(found, step.partners)):
+        k = partners[p]
+        # The wider apart, the more an error of the focal length moves them apart.
+        half = step.window_rad + step.window_growth * distance[k]
+        low = max(0, int((distance[k] - half) / tables.bucket_rad))
+        high = int((distance[k] + half) / tables.bucket_rad) + 1
+        if high >= len(tables.pair_start):
+            break
+        # The roll of a pair is known to the noise over its length; the vote before came from the nearest partner.
+        roll_error = step.window_rad * (1.0 / distance[k] + 1.0 / distance[partners[0]])
+        tolerance = np.uint64(int(roll_error * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
+        turn = np.uint64(azimuth[k])
+        _put_places(looked_at, _triad(axis(directions, alpha), axis(directions, k)), places)
+        for bucket in range(low, high):
+            for q in range(np.uint64(tables.pair_start[bucket]), np.uint64(tables.pair_start[bucket + 1])):
+                if pairs[q, 1] >= faintest:
+                    break
+                for end in range(2):
+                    s = np.uint64(pairs[q, end])
+                    roll = ((np.uint64(pairs[q, 2 + end]) - turn) >> np.uint64(1)) & np.uint64(0x7FFF)
+                    # The new vote pushes the oldest of four out of the word.
+                    given = votes[s]
+                    votes[s] = (given << np.uint64(16)) | np.uint64(0x8000) | roll
+                    if not _agrees(given, roll, tolerance) or s >= alpha_faintest:
+                        continue
+                    t = np.uint64(pairs[q, 1 - end])
+                    hits = stars_near(near_star, places, _triad(axis(icrs, s), axis(icrs, t)))
+                    if hits >= least:
+                        count = _insert(candidates, count, (hits, k, int(s), int(t)))
+        if count > 0 and candidates[0, 0] >= plenty:
+            break
+    return count
+
+
+@compiled_part
+def _least_hits(bright: int, looked_at: int) -> int:
+    """Objects near a star that make a hypothesis: its own two, and more than chance usually adds."""
+    if bright <= 5:
+        return 3
+    return 4 if looked_at <= FEW_LOOKED_AT else 6
+
+
+@compiled_part
+def _agrees(votes: np.uint64, roll: np.uint64, tolerance: np.uint64) -> bool:
+    """Whether one of a star's last four votes is for the same roll.
+
+    All four are compared at once and without a branch, which no processor would predict; 15 bits with the 16th set
+    before a difference keep each from borrowing from the next.
+    """
+    # |given - roll| <= tolerance, modulo a turn, is 0 <= roll + tolerance - given <= 2 tolerance in unsigned
+    # arithmetic.
+    difference = (((roll + tolerance) * _IN_EACH | _VOTED) - (votes & _ROLL)) & _ROLL
+    near = (np.uint64(2) * tolerance * _IN_EACH | _VOTED) - difference
+    return bool(near & votes & _VOTED)
+
+
+@compiled_part
+def _insert(candidates: NDArray[np.int64], count: int, new: tuple[int, int, int, int]) -> int:
+    """Insert a candidate where its number of objects near a star puts it; the last one drops out of a full list."""
+    place = count
+    if count == len(candidates):
+        if candidates[count - 1, 0] >= new[0]:
+            return count
+        place = count - 1
+    else:
+        count += 1
+    while place > 0 and candidates[place - 1, 0] < new[0]:
+        for column in range(4):  # a row at once would bring numba's texts of its errors along: two seconds to compile
+            candidates[place, column] = candidates[place - 1, column]
+        place -= 1
+    candidates[place, 0], candidates[place, 1], candidates[place, 2], candidates[place, 3] = new
+    return count
+
+
+@compiled_part
+def axis(vectors: NDArray[np.float64], row: np.uint64 | int) -> _Axis:
+    """A row of vectors (N, 3), without an array for it, of which numba counts the references."""
+    return vectors[row, 0], vectors[row, 1], vectors[row, 2]
+
+
+@compiled_part
+def _triad(x: _Axis, y: _Axis) -> _Triad:
+    """Three axes at right angles: ``x``, the normal of ``x`` and ``y``, and the cross product of these two."""
+    cx = x[1] * y[2] - x[2] * y[1]
+    cy = x[2] * y[0] - x[0] * y[2]
+    cz = x[0] * y[1] - x[1] * y[0]
+    norm = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + 1e-300)
+    cx, cy, cz = cx * norm, cy * norm, cz * norm
+    across = (x[1] * cz - x[2] * cy, x[2] * cx - x[0] * cz, x[0] * cy - x[1] * cx)
+    return x, (cx, cy, cz), across
+
+
+@compiled_part
+def pair_rotation(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    s: NDArray[np.float64],
+    t: NDArray[np.float64],
+    rotation: NDArray[np.float64],
+) -> None:
+    """Put the rotation that takes star ``s`` onto direction ``a`` and ``t`` towards ``b`` into ``rotation``."""
+    left, right = _triad((a[0], a[1], a[2]), (b[0], b[1], b[2])), _triad((s[0], s[1], s[2]), (t[0], t[1], t[2]))
+    for j in range(3):
+        for k in range(3):
+            rotation[j, k] = left[0][j] * right[0][k] + left[1][j] * right[1][k] + left[2][j] * right[2][k]
+
+
+@compiled_part
+def _partners(
+    directions: NDArray[np.float64],
+    alpha: int,
+    least: float,
+    distance: NDArray[np.float64],
+    azimuth: NDArray[np.int64],
+    partners: NDArray[np.int64],
+) -> int:
+    """Distances and position angles of all objects about the alpha star; how many are far enough.
+
+    ``partners`` gets these, nearest first.
+    """
+    # Two axes across the alpha star: position angles in the image are counted from the one towards the other.
+    ax, ay, az = directions[alpha, 0], directions[alpha, 1], directions[alpha, 2]
+    norm = 1.0 / math.sqrt(ax * ax + az * az)
+    ex, ez = az * norm, -ax * norm
+    nx, ny, nz = ay * ez, az * ex - ax * ez, -ay * ex
+    found = 0
+    for i in range(len(directions)):
+        if i == alpha:
+            continue
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        chord = math.sqrt((x - ax) ** 2 + (y - ay) ** 2 + (z - az) ** 2)
+        distance[i] = 2.0 * math.asin(min(1.0, 0.5 * chord))
+        angle = math.atan2(nx * x + ny * y + nz * z, ex * x + ez * z)
+        azimuth[i] = np.int64(math.floor(angle * (65536.0 / (2.0 * math.pi)) + 0.5))
+        if distance[i] < least:
+            continue
+        j = found
+        while j > 0 and distance[partners[j - 1]] > distance[i]:
+            partners[j] = partners[j - 1]
+            j -= 1
+        partners[j] = i
+        found += 1
+    return found
+
 
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 

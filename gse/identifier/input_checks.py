@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.result import ObjectColumns, Reason, Unidentified, check_shapes
-from gse.panorama import MAX_OBJECTS
 from gse.process.jit import compiled
+from gse.values.panorama import MAX_OBJECTS
 
 _SOUND, _NOT_FINITE, _NOT_UNIT, _DARK, _NEGATIVE, _ALL_EQUAL = range(6)
 _UNIT_WITHIN = 1e-6

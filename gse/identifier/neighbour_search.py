@@ -31,9 +31,57 @@ from gse.identifier.neighbour_level_1 import (
     room_for_fits,
     seen_from,
 )
-from gse.identifier.neighbour_votes import most_voted
 from gse.identifier.tables import PairTable
 from gse.process.jit import compiled, compiled_part
+
+# Compiled vote for catalogue stars: one for each pair as far apart as the alpha star and a bright neighbour.
+
+_VOTERS = 10
+_BRIGHT_OBJECTS = 15
+"""Only these vote: the fainter an object, the less likely it is in the catalogue."""
+
+_STARS_TRIED = 12
+_FEWEST_VOTES = 2
+
+
+@compiled_part
+def most_voted(alpha: Alpha, table: PairTable, tolerance_urad: float) -> NDArray[np.int64]:
+    """The stars with most votes, most first, then in catalogue order: one vote for each pair that fits a distance."""
+    votes = np.zeros(len(table.first) - 1, np.int32)
+    for distance in alpha.distances[alpha.others < _BRIGHT_OBJECTS][:_VOTERS]:
+        low = _first_above(table.distance_urad, distance - tolerance_urad)
+        while low < len(table.distance_urad) and table.distance_urad[low] < distance + tolerance_urad:
+            votes[table.brighter[low]] += 1
+            votes[table.dimmer[low]] += 1
+            low += 1
+    stars = np.empty(_STARS_TRIED, np.int64)
+    count, fewest = 0, _FEWEST_VOTES
+    for star in range(len(votes)):
+        if votes[star] < fewest:
+            continue
+        place = min(count, _STARS_TRIED - 1)
+        while place > 0 and votes[stars[place - 1]] < votes[star]:
+            stars[place] = stars[place - 1]
+            place -= 1
+        stars[place] = star
+        count = min(count + 1, _STARS_TRIED)
+        if count == _STARS_TRIED:
+            fewest = votes[stars[count - 1]] + 1
+    return stars[:count]
+
+
+@compiled_part
+def _first_above(distances_urad: NDArray[np.int32], distance_urad: float) -> int:
+    """The first place of a greater distance: numpy's search would bring scipy's linear algebra along."""
+    low, high = 0, len(distances_urad)
+    while low < high:
+        middle = (low + high) // 2
+        if distances_urad[middle] <= distance_urad:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
 
 _MOST_WORK = 100_000_000
 """Comparisons after which a search gives up, in less than a second: 30 random objects over 4200 stars take 24 million.
@@ -49,7 +97,7 @@ EVERYWHERE = -2.0
 """A cosine of no angle: all objects count as central."""
 
 
-class Limits(NamedTuple):
+class SearchOptions(NamedTuple):
     """The options of a search; a tuple, because compiled functions take tuples whole."""
 
     tolerance_urad: float
@@ -72,7 +120,9 @@ class View(NamedTuple):
 
 
 @compiled
-def view_of(directions: NDArray[np.float64], icrs: NDArray[np.float64], table: PairTable, limits: Limits) -> View:
+def view_of(
+    directions: NDArray[np.float64], icrs: NDArray[np.float64], table: PairTable, limits: SearchOptions
+) -> View:
     """The view of a panorama, its objects given as directions (N, 3)."""
     angles = separations(directions)
     gates = windows(angles, limits.tolerance_urad)
@@ -85,7 +135,7 @@ def first_fit(
     icrs: NDArray[np.float64],
     table: PairTable,
     blocks: Blocks,
-    limits: Limits,
+    limits: SearchOptions,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Objects and their stars (M,), the alpha star first, and how many alpha stars were tried; M is 0 for no answer.
 
@@ -115,7 +165,7 @@ def first_fit(
 
 @compiled_part
 def _of_alpha(
-    alpha: int, open_: NDArray[np.bool_], blocks: Blocks, view: View, limits: Limits, most_work: int
+    alpha: int, open_: NDArray[np.bool_], blocks: Blocks, view: View, limits: SearchOptions, most_work: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], bool, bool, int]:
     """What an alpha star names: objects and stars (M,), whether two stars tie, whether there is none, and the work.
 
@@ -224,7 +274,7 @@ def _candidates(member: int, fits: Fits) -> NDArray[np.uint32]:
 
 
 @compiled_part
-def _group(candidates: NDArray[np.uint32], view: View, fewest: int, limits: Limits) -> np.uint64:
+def _group(candidates: NDArray[np.uint32], view: View, fewest: int, limits: SearchOptions) -> np.uint64:
     """Level 2: the largest group of the candidates, 0 where it has fewer than ``fewest``."""
     agrees = agreements(candidates, view.icrs, view.angles, view.gates, limits.tolerance_urad)
     return largest_group(agrees, fewest)
@@ -236,7 +286,7 @@ def best_vote(
     icrs: NDArray[np.float64],
     table: PairTable,
     blocks: Blocks,
-    limits: Limits,
+    limits: SearchOptions,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """As ``first_fit``, but first among the stars with most votes, and of these the one with the greatest Fn2."""
     view = view_of(directions, icrs, table, limits)

@@ -46,7 +46,7 @@ class Gates(NamedTuple):
     members: int = PIVOT_MEMBERS
 
 
-class Objects(NamedTuple):
+class PivotObjects(NamedTuple):
     """The objects, brightest first: cosine and sine (N, N) of their angles, and -2.5 log10 of their index (N,)."""
 
     cosine: NDArray[np.float64]
@@ -63,7 +63,7 @@ class Group(NamedTuple):
 
 @compiled
 def search(
-    objects: Objects, sky: PivotSky, gates: Gates, cells: NDArray[np.bool_]
+    objects: PivotObjects, sky: PivotSky, gates: Gates, cells: NDArray[np.bool_]
 ) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
     """Both steps: FOUND, NO_GROUP or TIE, and the named objects with their stars, the pivot first.
 
@@ -86,7 +86,7 @@ def search(
 
 
 @compiled_part
-def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates, cells: NDArray[np.bool_]) -> int:
+def _best_group(best: Group, objects: PivotObjects, sky: PivotSky, gates: Gates, cells: NDArray[np.bool_]) -> int:
     """Step 1 for one pivot: put the stars of the best group into ``best``."""
     table, size = sky.table, len(best.object)
     group = Group(best.object, best.star.copy())
@@ -132,7 +132,7 @@ def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates, cell
 
 @compiled_part
 def _window(
-    distances_urad: NDArray[np.int32], group: Group, member: int, objects: Objects, gates: Gates
+    distances_urad: NDArray[np.int32], group: Group, member: int, objects: PivotObjects, gates: Gates
 ) -> tuple[int, int]:
     """Where, among sorted distances, those lie that fit a member's distance from the pivot."""
     p, q = group.object[0], group.object[member]
@@ -143,7 +143,7 @@ def _window(
 
 
 @compiled_part
-def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> int:
+def _concurrence(group: Group, objects: PivotObjects, sky: PivotSky, gates: Gates) -> int:
     """How well a group concurs; -1 where its pivot is not the brightest star, or too few mutual distances fit."""
     # Stars are numbered brightest first, so "brighter" is "has the lower number". The paper uses no magnitudes here,
     # only their order: the pivot must be the brightest, and members in the order of the objects count as a second
@@ -164,7 +164,7 @@ def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
 
 
 @compiled_part
-def _pair_fits(group: Group, i: int, j: int, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
+def _pair_fits(group: Group, i: int, j: int, objects: PivotObjects, sky: PivotSky, gates: Gates) -> bool:
     """Whether the stars of members i and j are as far apart as their objects."""
     p, q = group.object[i], group.object[j]
     cosine, sine = objects.cosine[p, q], objects.sine[p, q]
@@ -172,7 +172,7 @@ def _pair_fits(group: Group, i: int, j: int, objects: Objects, sky: PivotSky, ga
 
 
 @compiled_part
-def _magnitudes_fit(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
+def _magnitudes_fit(group: Group, objects: PivotObjects, sky: PivotSky, gates: Gates) -> bool:
     zero_point = _zero_point(group, objects, sky, gates)
     for i in range(len(group.star)):
         if not _magnitude_fits(group.object[i], group.star[i], objects, sky, gates, zero_point):
@@ -181,12 +181,12 @@ def _magnitudes_fit(group: Group, objects: Objects, sky: PivotSky, gates: Gates)
 
 
 @compiled_part
-def _magnitude_fits(p: int, a: int, objects: Objects, sky: PivotSky, gates: Gates, zero_point: float) -> bool:
+def _magnitude_fits(p: int, a: int, objects: PivotObjects, sky: PivotSky, gates: Gates, zero_point: float) -> bool:
     return bool(abs(objects.magnitude[p] + zero_point - sky.magnitude[a]) <= gates.magnitude)
 
 
 @compiled_part
-def _zero_point(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> float:
+def _zero_point(group: Group, objects: PivotObjects, sky: PivotSky, gates: Gates) -> float:
     """What makes magnitudes of -2.5 log10 index: the given number, else the one that suits the group best."""
     if not np.isnan(gates.zero_point):
         return gates.zero_point
@@ -197,7 +197,7 @@ def _zero_point(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> 
 
 
 @compiled_part
-def _with_others(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> Group:
+def _with_others(group: Group, objects: PivotObjects, sky: PivotSky, gates: Gates) -> Group:
     """Step 2: the group, and after it the other objects, brightest first, that one star in the cells around fits."""
     # Step 2 looks in the cells around the group only: a star elsewhere cannot be in the same image.
     cells = np.zeros(len(sky.around), np.bool_)
@@ -221,7 +221,7 @@ def _with_others(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
 
 @compiled_part
 def _only_star(
-    other: int, group: Group, cells: NDArray[np.bool_], objects: Objects, sky: PivotSky, gates: Gates
+    other: int, group: Group, cells: NDArray[np.bool_], objects: PivotObjects, sky: PivotSky, gates: Gates
 ) -> int:
     """The one star in ``cells`` at an object's distances from the first three of a group; -1 for none or several."""
     table = sky.table

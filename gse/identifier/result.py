@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.parts import Parts
+from gse.values.panorama import Parts
 
 
 class Reason(StrEnum):

@@ -50,7 +50,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
@@ -60,7 +59,8 @@ from gse.identifier.result import Answers, Identification, ObjectColumns, Reason
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
 from gse.identifier.tangent_plane import outside_fields
-from gse.parts import Parts
+from gse.values.camera import Camera
+from gse.values.panorama import Parts
 
 _FEWEST_OBJECTS = 3
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.identifier.table_cache import Columns, cache_file, cached_columns
+from gse.identifier.tables import Columns, cache_file, cached_columns
 from gse.process.jit import compiled, compiled_part
 
 MAX_FIELD_STARS = 96

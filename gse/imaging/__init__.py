@@ -1,1 +1,1 @@
-"""From an image to a panorama: files read, blobs found, objects extracted. May import no room above itself."""
+"""Images to panoramas: files read, blobs found, objects extracted; and the camera fitted to the stars of a session."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.host_files import a_file_or_a_shells_pipe
 from gse.errors import TableError
-from gse.panorama import MAX_OBJECTS
+from gse.values.panorama import MAX_OBJECTS
 
 MAX_FILE_BYTES = 100_000
 """30 lines of text and some comments; anything bigger is another file."""

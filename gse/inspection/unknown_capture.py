@@ -14,7 +14,7 @@ from typing import Any
 from drivers.errors import CaptureError
 from drivers.mock.playback import is_session
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import RX, Message
+from drivers.session_file.records import RX, RecordedMessage
 from protocols import built_in_names, load_protocol
 from protocols.checksum import CHECKSUMS
 from protocols.framing import FrameDecoder
@@ -35,7 +35,7 @@ _MOST_LENGTHS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class FramingFit:
     """A framing and a checksum, and how many of the frames tried it is right for.
 
     ``lengths`` are the most frequent lengths of frames in bytes, sync word or END bytes not counted, with their number.
@@ -60,13 +60,14 @@ class Looked:
     """What was found in so many ``bytes``: fits, best first, and built-in descriptions with the share they decode."""
 
     bytes: int
-    fits: tuple[Fit, ...]
+    fits: tuple[FramingFit, ...]
     built_in: tuple[tuple[str, float], ...]
 
     def document(self) -> dict[str, Any]:
         """The JSON of schema gse.decode.try/1."""
         fits = [
-            {name: getattr(fit, name) for name in Fit.__slots__} | {"share": round(fit.share, 4)} for fit in self.fits
+            {name: getattr(fit, name) for name in FramingFit.__slots__} | {"share": round(fit.share, 4)}
+            for fit in self.fits
         ]
         return {"schema": SCHEMA, "bytes": self.bytes, "fits": fits, "built_in": dict(self.built_in)}
 
@@ -108,14 +109,14 @@ def _received(path: Path) -> bytes:
             raise CaptureError(f"cannot read {path}: {error.strerror}") from error
     data = bytearray()
     for record in read_capture(path):
-        if isinstance(record, Message) and record.topic == RX:
+        if isinstance(record, RecordedMessage) and record.topic == RX:
             data += record.data
         if len(data) >= MOST_BYTES:
             break
     return bytes(data[:MOST_BYTES])
 
 
-def _fits(data: bytes) -> Iterator[Fit]:
+def _fits(data: bytes) -> Iterator[FramingFit]:
     slip = [frame for part in data.split(END) if part and (frame := unpacked(part)) is not None]
     yield from _checked("slip", b"", slip)
     for word in _sync_words(data):
@@ -133,7 +134,7 @@ def _sync_words(data: bytes) -> list[bytes]:
     return found
 
 
-def _checked(framing: str, word: bytes, parts: list[bytes]) -> Iterator[Fit]:
+def _checked(framing: str, word: bytes, parts: list[bytes]) -> Iterator[FramingFit]:
     frames = [part for part in parts if 3 <= len(part) <= _LONGEST_FRAME][:_MOST_FRAMES]
     if len(frames) < _FEWEST_FRAMES or len(frames) < len(parts[:_MOST_FRAMES]) / 2:
         return
@@ -148,10 +149,10 @@ def _checked(framing: str, word: bytes, parts: list[bytes]) -> Iterator[Fit]:
             for order in ("big", "little"):
                 right = sum(value == int.from_bytes(sent, order) for value, sent in sums)
                 if sums and right >= max(_LEAST_SHARE * len(sums), _FEWEST_FRAMES):
-                    yield Fit(framing, checksum.name, order, covers, right, len(sums), lengths)
+                    yield FramingFit(framing, checksum.name, order, covers, right, len(sums), lengths)
 
 
-def _without_shadows(fits: list[Fit]) -> Iterator[Fit]:
+def _without_shadows(fits: list[FramingFit]) -> Iterator[FramingFit]:
     """Not the same frames again by a part of their sync word, or of what follows it."""
     seen: set[tuple[str, str]] = set()
     for fit in fits:

@@ -20,11 +20,50 @@ from drivers.errors import CaptureError
 from drivers.session_file.compaction import compact
 from drivers.session_file.read_back import read_back
 from drivers.session_file.reader import segment_path
-from drivers.session_file.records import RX, TX, Attachment, Message, MessageWriter
+from drivers.session_file.records import RX, TX, Attachment, MessageWriter, RecordedMessage
 from drivers.session_file.writer import CaptureWriter
 from drivers.session_file.written_bytes import WrittenBytes
-from gse.recording.disk_sync import DiskSync
-from gse.recording.event_kinds import RecorderKind
+from gse.recording.session_format import RecorderKind
+
+# Syncing of a session file, beside its writing.
+#
+# A busy disk takes up to seconds to sync a file. A thread that waits for it does not write, and what comes meanwhile
+# is
+# in this process alone: lost if it is killed.
+
+
+class DiskSync:
+    """A thread that syncs when it is asked to, one file at a time.
+
+    ``error`` is that of the last sync, None where the disk took everything.
+    """
+
+    def __init__(self) -> None:
+        self.error: OSError | None = None
+        self._is_busy = False
+        self._asked: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        threading.Thread(target=self._run, name="sync", daemon=True).start()
+
+    def ask(self, syncing: Callable[[], Callable[[], None]]) -> None:
+        """Call what ``syncing`` gives in the other thread, or nothing while that is busy with the one before."""
+        if not self._is_busy:
+            sync = syncing()
+            self._is_busy = True
+            self._asked.put(sync)
+
+    def end(self) -> None:
+        """Let the thread end, when the disk has answered."""
+        self._asked.put(None)
+
+    def _run(self) -> None:
+        while (sync := self._asked.get()) is not None:
+            try:
+                sync()
+                self.error = None
+            except OSError as error:
+                self.error = error
+            self._is_busy = False
+
 
 SEGMENT_BYTES = 512 << 20
 """Some 50 hours at 10 Hz; a file that any tool still opens."""
@@ -77,7 +116,7 @@ class Recorder(MessageWriter):
         self._news: queue.SimpleQueue[LinkEvent] = queue.SimpleQueue()
         self._stamp = (0, 0)
         self._closed = False
-        self._items: queue.SimpleQueue[Message | Attachment | None] = queue.SimpleQueue()
+        self._items: queue.SimpleQueue[RecordedMessage | Attachment | None] = queue.SimpleQueue()
         self._waiting_bytes = 0
         self._waiting_lock = threading.Lock()
         self._sync = DiskSync() if live else None
@@ -94,7 +133,7 @@ class Recorder(MessageWriter):
         """Attach a file to the session; every segment gets it."""
         self._submit(Attachment(name, media_type, data))
 
-    def write(self, message: Message) -> None:
+    def write(self, message: RecordedMessage) -> None:
         """Write a message; never waits for the disk of a live session, never fails."""
         self._submit(message)
 
@@ -133,7 +172,7 @@ class Recorder(MessageWriter):
     ) -> None:
         self.close()
 
-    def _submit(self, item: Message | Attachment) -> None:
+    def _submit(self, item: RecordedMessage | Attachment) -> None:
         if self._closed:
             self._lose(item, "after the recording was closed")
         elif self._thread is None:
@@ -156,7 +195,7 @@ class Recorder(MessageWriter):
         synced_s = time.monotonic()
         ended = False
         while not ended:
-            batch: list[Message | Attachment] = []
+            batch: list[RecordedMessage | Attachment] = []
             ended = not self._collect(batch)
             self._take(batch)
             self._count_waiting(-sum(len(item.data) for item in batch))
@@ -165,7 +204,7 @@ class Recorder(MessageWriter):
                 synced_s = time.monotonic()
         self._finish()
 
-    def _collect(self, batch: list[Message | Attachment]) -> bool:
+    def _collect(self, batch: list[RecordedMessage | Attachment]) -> bool:
         """Collect all waiting items, none after SYNC_S without one; False at the end of the session."""
         try:
             item = self._items.get(timeout=SYNC_S)
@@ -176,7 +215,7 @@ class Recorder(MessageWriter):
             return True
         return False
 
-    def _take(self, batch: list[Message | Attachment]) -> None:
+    def _take(self, batch: list[RecordedMessage | Attachment]) -> None:
         for item in batch:
             if self._writer.pending > WAITING_LIMIT_BYTES:
                 self._lose(item, "because the disk takes no more bytes")
@@ -295,8 +334,8 @@ class Recorder(MessageWriter):
             except CaptureError as error:
                 self._announce(RecorderKind.UNCOMPRESSED, str(error))
 
-    def _lose(self, item: Message | Attachment, why: str) -> None:
-        if isinstance(item, Message) and item.topic in (RX, TX):
+    def _lose(self, item: RecordedMessage | Attachment, why: str) -> None:
+        if isinstance(item, RecordedMessage) and item.topic in (RX, TX):
             self.lost_bytes += len(item.data)
         self._lost_meanwhile = True
         self._announce_once(RecorderKind.LOST, f"bytes are lost {why}; the report counts them")

@@ -4,14 +4,33 @@ import json
 import math
 from array import array
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from drivers.clock import ClockReading
 from drivers.outside_text import plain_line
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import CLOCK, Attachment, Damage, Message
-from gse.instant import LAST_NS
+from drivers.session_file.records import CLOCK, Attachment, Damage, RecordedMessage
+from gse.values.instant import LAST_NS
+
+# Kinds of events of the recorder.
+
+
+class RecorderKind(StrEnum):
+    """Events of writing the session file."""
+
+    BEHIND = "RECORDER_BEHIND"
+    REFUSED = "RECORDER_REFUSED"
+    RECOVERED = "RECORDER_RECOVERED"
+    LOST = "RECORDER_LOST"
+    UNSAFE = "RECORDER_UNSAFE"
+    SEGMENT = "RECORDER_SEGMENT"
+    UNFINISHED = "RECORDER_UNFINISHED"
+    UNCOMPRESSED = "RECORDER_UNCOMPRESSED"
+    FILE_RESTORED = "FILE_RESTORED"
+    FILE_DAMAGED = "FILE_DAMAGED"
+
 
 STATION = "station.yaml"
 PROTOCOL = "protocol.yaml"
@@ -80,9 +99,11 @@ def read_recorded(path: Path) -> Recorded:
             recorded.damaged = True
         elif isinstance(record, Attachment):
             _attach(recorded.attachments, record)
-        elif isinstance(record, Message) and record.topic == CLOCK and len(recorded.clock) < MOST_CLOCK_READINGS:
+        elif (
+            isinstance(record, RecordedMessage) and record.topic == CLOCK and len(recorded.clock) < MOST_CLOCK_READINGS
+        ):
             recorded.clock += _clock_reading(record)
-        elif isinstance(record, Message) and record.topic == TIMING_TOPIC:
+        elif isinstance(record, RecordedMessage) and record.topic == TIMING_TOPIC:
             _add_timing(recorded.timings, record)
     recorded.damaged |= capture.truncated
     return recorded
@@ -115,7 +136,7 @@ def clock_json(reading: ClockReading) -> bytes:
     return json.dumps({name: getattr(reading, name) for name in ClockReading.__slots__}).encode()
 
 
-def _add_timing(timings: RecordedTimings, message: Message) -> None:
+def _add_timing(timings: RecordedTimings, message: RecordedMessage) -> None:
     try:
         document = json.loads(message.data)
         timings.add(int(document["time_us"]), _finite(document["elapsed_us"]))
@@ -135,7 +156,7 @@ def _finite(value: Any) -> float:
     return float(value)
 
 
-def _clock_reading(message: Message) -> list[ClockReading]:
+def _clock_reading(message: RecordedMessage) -> list[ClockReading]:
     try:
         document = json.loads(message.data)
         return [

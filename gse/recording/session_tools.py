@@ -9,10 +9,10 @@ from typing import Any
 from drivers.errors import CaptureError
 from drivers.session_file.compaction import write_compact
 from drivers.session_file.reader import Capture, read_capture, session_file
-from drivers.session_file.records import EVENTS, RX, Attachment, Damage, Message, Record
+from drivers.session_file.records import EVENTS, RX, Attachment, Damage, Record, RecordedMessage
 from drivers.session_file.verification import FileCheck, SessionCheck, verify
-from gse import instant
 from gse.recording.session_format import MOST_KINDS, OTHER
+from gse.values import instant
 
 INFO_SCHEMA = "gse.session/1"
 VERIFY_SCHEMA = "gse.session.verify/1"
@@ -42,7 +42,7 @@ def session_info(path: Path) -> dict[str, Any]:
     check = verify(path)
     events: dict[str, int] = {}
     for record in read_capture(path):
-        if isinstance(record, Message) and record.topic == EVENTS:
+        if isinstance(record, RecordedMessage) and record.topic == EVENTS:
             kind = record.event().kind
             kind = kind if kind in events or len(events) < MOST_KINDS else OTHER
             events[kind] = events.get(kind, 0) + 1

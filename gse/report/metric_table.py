@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from gse.axis import OF_SENSOR
 from gse.report.summary import plain
 from gse.report.terminal import quantity
 from gse.statistics.metrics import metrics
 from gse.statistics.session_statistics import Statistics
+from gse.values.axis import OF_SENSOR
 
 _AXIS_WORDS = {axis.key: axis.label for axis in OF_SENSOR}
 

@@ -14,18 +14,17 @@ from jinja2.bccache import Bucket
 from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
-from gse import instant
-from gse.assessment.verdict import Assessment
-from gse.axis import AXES, CROSS_X, CROSS_Y
 from gse.process.jit import compiled_folder
-from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
-from gse.report.provenance import Provenance
+from gse.report.provenance import Provenance, canonical, fingerprint
 from gse.report.terminal import is_simple, quantity, risk_text
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.metrics import is_drift_given
 from gse.statistics.sky_summary import zero_point_mag
+from gse.values import instant
+from gse.values.axis import AXES, CROSS_X, CROSS_Y
+from gse.verdict.assessment import Assessment
 
 _AXIS_NAMES = {
     **{axis.key: axis.label for axis in AXES},
@@ -90,7 +89,7 @@ def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool
     return session_plots(session, assessment.statistics, times_recorded=times_recorded)
 
 
-class _CodeOnDisk(jinja2.FileSystemBytecodeCache):
+class _TemplateOnDisk(jinja2.FileSystemBytecodeCache):
     """The template as Python's code: to make it takes ten times as long as to read it."""
 
     def dump_bytecode(self, bucket: Bucket) -> None:
@@ -108,7 +107,7 @@ def _template() -> jinja2.Template:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
         loader=jinja2.FunctionLoader(_resource),
-        bytecode_cache=None if folder is None else _CodeOnDisk(str(folder)),
+        bytecode_cache=None if folder is None else _TemplateOnDisk(str(folder)),
     )
     environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given, risk=risk_text)
     environment.filters["drift"] = _drift

@@ -14,7 +14,7 @@ LIMIT_DEG = 1 / 60
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class PaperRow:
     """One sensor: mean |dRA| (not times cos DE) and mean |dDE| in degrees, and its processing time as text."""
 
     name: str
@@ -24,16 +24,16 @@ class Row:
 
 
 PAPER = (
-    Row("Star Sensor 1 of the paper", 0.006676, 0.009221, "< 200 ms"),
-    Row("Star Sensor 2 of the paper", 0.003552, 0.00866, "< 200 ms"),
-    Row("Star Sensor 3 of the paper", 0.005, 0.005, "< 200 ms"),
-    Row("mean of the paper", 0.005076, 0.007627, ""),
+    PaperRow("Star Sensor 1 of the paper", 0.006676, 0.009221, "< 200 ms"),
+    PaperRow("Star Sensor 2 of the paper", 0.003552, 0.00866, "< 200 ms"),
+    PaperRow("Star Sensor 3 of the paper", 0.005, 0.005, "< 200 ms"),
+    PaperRow("mean of the paper", 0.005076, 0.007627, ""),
 )
 
 
-def this_sensor(name: str, figures: SubjectStatistics) -> Row:
+def this_sensor(name: str, figures: SubjectStatistics) -> PaperRow:
     """The row of the sensor under test; its time is the 99th percentile, of this host where none is stated."""
     p99_ms = figures.time_ms.p99
     where = "" if figures.time_is_stated else " (this host)"
     time = "not recorded" if math.isnan(p99_ms) else f"{p99_ms:.3g} ms{where}"
-    return Row(name, figures.mean_abs_d_ra_deg, figures.mean_abs_d_de_deg, time)
+    return PaperRow(name, figures.mean_abs_d_ra_deg, figures.mean_abs_d_de_deg, time)

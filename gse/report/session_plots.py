@@ -2,12 +2,11 @@
 
 from functools import partial
 
-from gse.report.condition_plots import draw_sky_condition
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
 from gse.report.plot_data import PlotData
 from gse.report.sky_plots import draw_residual_map, draw_sky
 from gse.report.svg import Draw, svgs_of
-from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
+from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_sky_condition, draw_timelines
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.sensor_convention import is_wrong

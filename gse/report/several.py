@@ -8,13 +8,13 @@ from typing import Any
 
 import jinja2
 
-from gse import instant
-from gse.assessment.verdict import Assessment
-from gse.report.paper import LIMIT_DEG, PAPER, Row, this_sensor
+from gse.report.paper import LIMIT_DEG, PAPER, PaperRow, this_sensor
 from gse.report.summary import plain, table_row
 from gse.report.terminal import headline
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.values import instant
+from gse.verdict.assessment import Assessment
 
 SCHEMA = "gse.sessions/1"
 
@@ -45,8 +45,8 @@ def _session(name: str, session: SessionData, assessment: Assessment) -> dict[st
     }
 
 
-def _rows(named: Sequence[tuple[str, SessionData, Assessment]]) -> list[Row]:
-    by_subject: dict[Subject, list[Row]] = {}
+def _rows(named: Sequence[tuple[str, SessionData, Assessment]]) -> list[PaperRow]:
+    by_subject: dict[Subject, list[PaperRow]] = {}
     for name, session, assessment in named:
         for subject, figures in assessment.statistics.subjects.items():
             label = f"{session.station.sensor.name}, {name}, {subject}"
@@ -57,7 +57,7 @@ def _rows(named: Sequence[tuple[str, SessionData, Assessment]]) -> list[Row]:
         known = [row for row in of_subject if math.isfinite(row.d_ra_deg) and math.isfinite(row.d_de_deg)]
         if len(known) > 1:
             d_ra_deg, d_de_deg = fmean(row.d_ra_deg for row in known), fmean(row.d_de_deg for row in known)
-            rows.append(Row(f"mean of {len(known)}, {subject}", d_ra_deg, d_de_deg, ""))
+            rows.append(PaperRow(f"mean of {len(known)}, {subject}", d_ra_deg, d_de_deg, ""))
     return rows
 
 

@@ -7,14 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
-from gse.camera import Camera
-from gse.constants import ARCSEC_PER_RAD
-from gse.drawing.outline import field_outline_icrs
-from gse.drawing.palette import BLUE, GREEN, VERMILLION, hex_of
-from gse.report.decimation import sample
-from gse.report.plot_data import PlotData
+from gse.report.plot_data import PlotData, sample
 from gse.report.svg import set_margins
+from gse.values.attitude import Attitude
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.view.drawing import BLUE, GREEN, VERMILLION, field_outline_icrs, hex_of
 
 _MAX_POINTS = 1500
 _CELLS = 12

@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from gse.drawing.palette import GREY, hex_of
+from gse.view.drawing import GREY, hex_of
 
 WIDTH_IN = 7.2
 """The printed width of A4 less its margins."""

@@ -9,8 +9,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gse.limits import Decision
 from gse.statistics.decision import Outcome
+from gse.values.limits import Decision
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "INCONCLUSIVE": "yellow"}
 _LEAST_RISK = 1e-3

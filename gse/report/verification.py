@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from drivers.host_files import only_a_file
-from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
-from gse.report.fingerprint import fingerprint, fingerprint_in, provenance_in
 from gse.report.page import NO_PLOTS, report_html
+from gse.report.provenance import fingerprint, fingerprint_in, provenance_in
 from gse.report.summary import summarise
 from gse.station.session_data import SessionData
+from gse.verdict.assessment import Assessment
 
 MAX_PAGE_BYTES = 50_000_000
 """A report takes 2 MB; anything bigger is another file."""

@@ -1,15 +1,27 @@
-"""One page on a session: what happened, when, why, and what to do next."""
+"""One page on a session, and the bundle for a maintainer: what happened, when, why, and what to do next."""
 
+import json
 import re
 import textwrap
+import zipfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import yaml
+
 from drivers.chunk import LinkEvent
-from gse import instant
+from drivers.whole_file import new_file
+from gse.config.edit import with_values
 from gse.report.terminal import headline
+from gse.station.events import StationKind
 from gse.station.exclusions import Cause
 from gse.station.results import Subject
+from gse.station.session_data import SessionData
+from gse.values import instant
+from gse.values.instant import NS_PER_S, to_text
+from protocols.yaml_text import load_document
 
 WIDTH = 80
 _MOST_EVENTS = 12
@@ -131,3 +143,104 @@ def _item(text: str) -> list[str]:
     return textwrap.wrap(
         text, WIDTH, initial_indent="  ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
     )
+
+
+# A bundle for a maintainer: what is needed to find a fault, without the place of the mount unless it is asked for.
+#
+# Star directions with their times tell where a mount stands, so that recorded bytes and answers stay out with the
+# place.
+
+BLUR_DEG = 1.0
+"""Some hundred kilometres: the sky is nearly the same, the address is not to be found."""
+
+_COORDINATE = re.compile(r"(latitude_deg|longitude_deg)(: | is )-?\d+(\.\d+)?")
+_STATED = re.compile(r"(stated is )-?\d+(\.\d+)?")
+_OF_THE_SUN = {StationKind.DAYLIGHT, StationKind.DARK_NIGHT}
+_HOUR_NS = 3600 * NS_PER_S
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write_bundle(
+    path: Path, session: SessionData, report: dict[str, Any], name: str, *, recording: Path | None = None
+) -> None:
+    """Write a new zip file. With ``recording`` everything goes in as it is; without it the place is blurred.
+
+    ``name`` of the session stands in the commands of the page. FileExistsError where there is a file.
+    """
+    plain = recording is not None
+    events = session.events if plain else [blurred_event(event) for event in session.events]
+    page = why_page(report, events, name)
+    text = session.station_text if plain else blurred_station(session.station_text)
+    parts = {
+        "why.txt": page if plain else blurred_text(page),
+        "report.json": json.dumps(report if plain else blurred_report(report), indent=1),
+        "station.yaml": text,
+        "events.txt": "\n".join(f"{to_text(event.utc_ns, 3)} {event.kind}: {event.text}" for event in events),
+        "versions.json": json.dumps(session.versions, indent=1),
+        "README.txt": _READ_ME[plain],
+    }
+    with new_file(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as bundle:
+        for name, content in parts.items():
+            bundle.writestr(zipfile.ZipInfo(name, _EPOCH), content, zipfile.ZIP_DEFLATED)
+        if recording is not None:
+            bundle.write(recording, "session.mcap")
+
+
+_READ_ME = {
+    True: "A session of a star sensor, with the place of its mount.\n",
+    False: "A session of a star sensor. The place of its mount is blurred to a degree, and the recording is left out, "
+    "since stars and times tell the place. gse why SESSION --bundle FILE --with-site adds both.\n",
+}
+
+
+def blurred_station(text: str) -> str:
+    """A station file with the coordinates rounded to BLUR_DEG, and without names of place and people."""
+    document = load_document(text)[1]
+    site = document.get("site") or {}
+    rounded = {name: _round(site[name]) for name in ("latitude_deg", "longitude_deg") if name in site}
+    kept = with_values(text, "site", {**rounded, "name": "blurred"}, drop=("uncertainty",))
+    document = load_document(kept)[1]
+    document.pop("test", None)
+    return str(yaml.safe_dump(document, sort_keys=False))
+
+
+def blurred_report(report: dict[str, Any]) -> dict[str, Any]:
+    """The same of a report: its site, coordinates in its lines, and how high Sun and Moon stand."""
+    copy: dict[str, Any] = json.loads(blurred_text(json.dumps(report)))
+    site = copy["session"]["site"]
+    copy["session"]["site"] = {
+        **site,
+        "name": "blurred",
+        **{name: _round(site[name]) for name in ("latitude_deg", "longitude_deg")},
+    }
+    sky = copy["sky"]
+    for name in [name for name in sky or {} if name.endswith("_deg") and sky[name] is not None]:
+        sky[name] = [_round(angle) for angle in sky[name]]
+    for stretch in sky["stretches"] if sky else []:
+        stretch |= {name: f"{stretch[name][:13]}:00:00Z" for name in ("from", "until")}
+    copy.pop("test", None)
+    return copy
+
+
+def blurred_event(event: LinkEvent) -> LinkEvent:
+    """The hour of a dawn or dusk: its instant is a line on the Earth."""
+    return replace(event, utc_ns=_hour_ns(event.utc_ns)) if event.kind in _OF_THE_SUN else event
+
+
+def _hour_ns(utc_ns: int) -> int:
+    return utc_ns - utc_ns % _HOUR_NS
+
+
+def blurred_text(text: str) -> str:
+    """Coordinates in lines of text become whole degrees."""
+    text = _COORDINATE.sub(lambda found: f"{found[1]}{found[2]}{_rounded_in(found[0])}", text)
+    return _STATED.sub(lambda found: f"{found[1]}{_rounded_in(found[0])}", text)
+
+
+def _rounded_in(words: str) -> str:
+    number = re.search(r"-?\d+(\.\d+)?$", words)
+    return f"{_round(float(number[0])):g}" if number else ""
+
+
+def _round(degrees: float) -> float:
+    return round(degrees / BLUR_DEG) * BLUR_DEG

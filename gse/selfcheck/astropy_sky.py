@@ -15,8 +15,8 @@ from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 from numpy.typing import NDArray
 
-from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
-from gse.site import Site
+from gse.values.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
+from gse.values.site import Site
 
 _NEAR = 1e-3
 _WAVELENGTH_UM = 0.6

@@ -10,15 +10,125 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from drivers.chunk import Chunk
-from gse.constants import ARCSEC_RAD
-from gse.instant import NS_PER_S, from_text
 from gse.selfcheck.astropy_sky import AstropySky, east_and_north
-from gse.selfcheck.known_errors import KnownError
-from gse.selfcheck.made_sensor import MadeSensor, mounted
-from gse.site import Site
+from gse.values.constants import ARCSEC_RAD
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.site import Site
 from protocols import AttitudeMessage, Message, PanoramaMessage, Protocol
+
+# The known errors that a self-check injects, one session for each.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownError:
+    """A made session of a sensor that differs from its station file by what is named here.
+
+    ``azimuth_arcsec`` is how far the boresight lies in azimuth, measured on the sky, ``poleward_arcsec`` how far
+    towards the celestial pole, growing by ``poleward_arcsec_per_h`` through the middle of the session; ``roll_arcsec``
+    turns image up counter-clockwise as seen in the sky; ``clock_s`` is how fast the host's clock is. ``focal_share`` is
+    the error of the focal length, ``noise_px`` the standard deviation of a position on each axis, ``false_objects`` how
+    many objects of each frame are not stars. The first ``blank`` of the ``frames`` of each stretch show no object.
+    ``own_east_arcsec`` is how far the sensor's own answers lie to the east, None where it sends none, and the first
+    ``own_false`` of each stretch are false.
+    """
+
+    name: str
+    frames: int = 12
+    azimuth_arcsec: float = 0.0
+    poleward_arcsec: float = 0.0
+    poleward_arcsec_per_h: float = 0.0
+    roll_arcsec: float = 0.0
+    clock_s: float = 0.0
+    focal_share: float = 0.0
+    noise_px: float = 0.0
+    false_objects: int = 0
+    blank: int = 0
+    own_east_arcsec: float | None = None
+    own_false: int = 0
+
+
+KNOWN_ERRORS = (
+    KnownError(name="no error"),
+    KnownError(name="mount in azimuth", azimuth_arcsec=30.0),
+    KnownError(name="boresight to the pole", poleward_arcsec=20.0),
+    KnownError(name="mount drifts to the pole", poleward_arcsec_per_h=10.0),
+    KnownError(name="sensor roll", roll_arcsec=600.0),
+    KnownError(name="clock is fast", clock_s=0.5),
+    KnownError(name="focal length", frames=4, focal_share=0.003),
+    KnownError(name="position noise", frames=200, noise_px=0.2),
+    KnownError(name="false objects", false_objects=3),
+    KnownError(name="frames without objects", blank=1),
+    KnownError(name="the sensor's own answers", own_east_arcsec=15.0, own_false=1),
+)
+"""Every error alone, so that what is found wrong names its cause."""
+
+
+# A made sensor on a made mount: directions in the horizon frame to pixels.
+#
+# Written from the words of docs/station-file.md, not from gse.values.camera or gse.truth, so that either can be
+# tested by it.
+
+_ROUNDS = 30
+_BORDER_PX = 12.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MadeSensor:
+    """A square detector behind a pinhole; ``axes`` (3, 3) are right, up and out of the boresight, in rows.
+
+    ``radial_distortion`` is k1 alone.
+    """
+
+    axes: NDArray[np.float64]
+    focal_length_px: float
+    size_px: int
+    radial_distortion: float = 0.0
+    mirrored: bool = False
+
+    def turned(self, axis: NDArray[np.float64], angle_rad: float) -> "MadeSensor":
+        """The sensor after a right-handed turn about a direction (3,) of the horizon frame."""
+        turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle_rad)
+        return replace(self, axes=turn.apply(self.axes))
+
+    def pixels(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels (..., 2) of directions (..., 3): x to the right, y down."""
+        right, up, out = self.axes
+        plane = np.stack([directions @ right, -(directions @ up)], axis=-1) / (directions @ out)[..., None]
+        plane = plane * self.focal_length_px
+        if self.radial_distortion:
+            plane = self._distorted(plane)
+        if self.mirrored:
+            plane = plane * [-1, 1]
+        xy_px: NDArray[np.float64] = plane + (self.size_px - 1) / 2
+        return xy_px
+
+    def sees(self, directions: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which directions (..., 3) fall well inside the detector."""
+        xy_px = self.pixels(directions)
+        inside = (xy_px > _BORDER_PX) & (xy_px < self.size_px - 1 - _BORDER_PX)
+        return np.asarray(inside.all(axis=-1) & (directions @ self.axes[2] > 0), dtype=bool)
+
+    def _distorted(self, undistorted: NDArray[np.float64]) -> NDArray[np.float64]:
+        distorted = undistorted
+        for _ in range(_ROUNDS):
+            s2 = (distorted**2).sum(axis=-1, keepdims=True) / (self.size_px / 2) ** 2
+            distorted = undistorted / (1 + self.radial_distortion * s2)
+        return distorted
+
+
+def mounted(azimuth_deg: float, altitude_deg: float, roll_deg: float) -> NDArray[np.float64]:
+    """The axes of a sensor on a mount; the roll turns image up counter-clockwise, as seen in the sky."""
+    a, h, roll = np.radians([azimuth_deg, altitude_deg, roll_deg])
+    out = np.array([np.cos(h) * np.sin(a), np.cos(h) * np.cos(a), np.sin(h)])
+    zenithwards = np.array([-np.sin(h) * np.sin(a), -np.sin(h) * np.cos(a), np.cos(h)])
+    rightwards = np.array([np.cos(a), -np.sin(a), 0.0])
+    up = np.cos(roll) * zenithwards - np.sin(roll) * rightwards
+    right = np.cos(roll) * rightwards + np.sin(roll) * zenithwards
+    return np.array([right, up, out])
+
 
 START_NS = from_text("2024-03-20T12:00:00Z")
 POINTINGS = 8

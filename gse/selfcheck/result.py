@@ -1,16 +1,25 @@
 """The result of a self-check: injected against found, with a hash that anyone can make again."""
 
+import contextlib
 import hashlib
 import json
 import math
+import os
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+from platformdirs import user_state_path
+
+from gse.process.installation import source_sha256
+from gse.station.setup import versions
 
 SCHEMA = "gse.selfcheck/1"
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CheckedRow:
     """One quantity of one made session: what was injected, what the station found, and how far they may differ."""
 
     error: str
@@ -37,7 +46,7 @@ class SelfCheckResult:
     version: str
     source_sha256: str
     packages: dict[str, str]
-    rows: tuple[Row, ...]
+    rows: tuple[CheckedRow, ...]
     utc: str
 
     @property
@@ -80,7 +89,7 @@ def from_json(document: Any) -> SelfCheckResult:
     return result
 
 
-def _row_json(row: Row) -> dict[str, Any]:
+def _row_json(row: CheckedRow) -> dict[str, Any]:
     return {
         "error": row.error,
         "quantity": row.quantity,
@@ -92,11 +101,49 @@ def _row_json(row: Row) -> dict[str, Any]:
     }
 
 
-def _row(item: Any) -> Row:
+def _row(item: Any) -> CheckedRow:
     injected, tolerance = float(item["injected"]), float(item["tolerance"])
     found = math.nan if item["found"] is None else float(item["found"])
-    return Row(str(item["error"]), str(item["quantity"]), str(item["unit"]), injected, found, tolerance)
+    return CheckedRow(str(item["error"]), str(item["quantity"]), str(item["unit"]), injected, found, tolerance)
 
 
 def _canonical(document: dict[str, Any]) -> str:
     return json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
+# The last self-check of this installation, kept in the user's state folder for the reports to come.
+
+_MAX_BYTES = 1_000_000
+"""A result takes 10 kB; anything bigger is another file."""
+
+
+def last_result() -> SelfCheckResult | None:
+    """The last self-check of this very installation; None where it never ran, or its file was changed since."""
+    try:
+        with _path(source_sha256()).open("rb") as file:
+            result = from_json(json.loads(file.read(_MAX_BYTES)))
+    except (OSError, ValueError, RecursionError):
+        return None
+    is_this = result.source_sha256 == source_sha256() and result.packages == versions()
+    return result if is_this else None
+
+
+def keep_result(result: SelfCheckResult) -> Path:
+    """Keep a result as the last of its installation; OSError where the folder cannot be written."""
+    path = _path(result.source_sha256)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, new = tempfile.mkstemp(dir=path.parent, suffix=".new")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            json.dump(result.to_json(), file, indent=1)
+        os.replace(new, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.unlink(new)
+        raise
+    return path
+
+
+def _path(of_source: str) -> Path:
+    """One file for each state of the program's files: another installation of the same user has its own."""
+    return user_state_path("gse") / f"selfcheck-{of_source[:16]}.json"

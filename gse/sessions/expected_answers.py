@@ -19,14 +19,14 @@ from drivers.chunk import LinkEvent
 from drivers.host_files import only_a_file
 from drivers.outside_text import plain_line
 from drivers.whole_file import write_whole
-from gse.attitude_convention import from_angles, from_quaternions
-from gse.constants import ARCSEC_PER_RAD
-from gse.count_text import count_text
 from gse.errors import TableError, UsageError
 from gse.external.answers import NO_ANSWER, Failure, FailureKind
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.values.attitude_convention import from_angles, from_quaternions
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.text import count_text
 
 SUFFIX = ".answers.ndjson"
 MOST_BYTES = 200_000_000

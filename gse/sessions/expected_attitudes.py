@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
-from gse.count_text import count_text
 from gse.external.answers import ExternalAnswer
-from gse.matrices import product
 from gse.station.attitude_table import ACQUIRED, ANGLES, QUATERNION
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.truth.frames import icrs_to_frame
+from gse.values.attitude_convention import AttitudeConvention, state_angles, state_quaternions
+from gse.values.matrices import product
+from gse.values.text import count_text
 from protocols import AttitudeMessage, Protocol
 
 MOST_LISTED = 5

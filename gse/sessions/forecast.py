@@ -23,7 +23,7 @@ from gse.station.session_data import SessionData
 from gse.view.live_state import LiveState
 
 if TYPE_CHECKING:
-    from gse.assessment.verdict import Assessment
+    from gse.verdict.assessment import Assessment
 
 EVERY_S = 10.0
 _PAUSES = 100.0
@@ -75,8 +75,8 @@ class Forecast:
         self._begun.wait()  # the first frame is shown before all that judges is imported
         if self._closing.is_set():
             return
-        from gse.assessment.verdict import judge
         from gse.report.metric_table import metrics_in_markdown
+        from gse.verdict.assessment import judge
 
         while (session := self._snapshots.get()) is not None:
             began_s = time.thread_time()
@@ -105,8 +105,8 @@ def snapshot(session: SessionData) -> SessionData:
 
 def forecast_text(assessment: "Assessment") -> str:
     """When a verdict is to be expected, in a line."""
-    from gse.assessment.session_plan import minutes_left, rows_left
     from gse.statistics.decision import Claim
+    from gse.verdict.session_plan import minutes_left, rows_left
 
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"

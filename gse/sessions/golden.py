@@ -17,7 +17,6 @@ from drivers.errors import DriverError
 from drivers.host_files import only_a_file
 from drivers.session_file.reader import find_segments
 from drivers.whole_file import write_whole
-from gse.assessment.verdict import LEFT_OUT, judge
 from gse.config.choice import change_to
 from gse.errors import GseError, UsageError
 from gse.report import summarise
@@ -31,6 +30,7 @@ from gse.sessions.expected_answers import (
 )
 from gse.sessions.replay import ReplayOptions, replay_session
 from gse.statistics.decision import Outcome
+from gse.verdict.assessment import LEFT_OUT, judge
 from protocols import ProtocolError
 
 EXPECTED_SUFFIX = ".report.json"

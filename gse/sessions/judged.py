@@ -9,18 +9,17 @@ from pathlib import Path
 
 from drivers.mock.playback import is_session
 from drivers.session_file.reader import find_segments, session_file
-from gse.assessment.verdict import Assessment, judge
 from gse.catalog.readers import GAIA
 from gse.config.choice import StationText
 from gse.errors import UsageError
 from gse.recording.session_format import read_attachments
+from gse.report.result_key import ResultKey, session_sha256, software_sha256
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, station_in_force
 from gse.sessions.sealed_station import names_program
-from gse.sessions.status_document import read_status
-from gse.sessions.status_file import is_running
+from gse.sessions.status_file import is_running, read_status
 from gse.station.session_data import SessionData
-from gse.tables.key import ResultKey, session_sha256, software_sha256
+from gse.verdict.assessment import Assessment, judge
 from protocols import built_in_names
 
 Change = Callable[[StationText], StationText]

@@ -7,7 +7,7 @@
 
 They are in the user's cache directory, in a folder for the path of the session, never beside it: a session may come
 from anybody, with results that were never derived. The key is the SHA-256 of session, station file and software
-(gse.tables.ResultKey): whatever changes, the results are no longer found, and are derived anew. One rename puts a
+(gse.report.ResultKey): whatever changes, the results are no longer found, and are derived anew. One rename puts a
 whole folder in place. A folder whose files do not match the hashes in it, or whose tables have other columns, is not
 used.
 """
@@ -20,23 +20,82 @@ import shutil
 from collections.abc import Mapping
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import BaseModel, PositiveInt
+from pydantic import BaseModel, ConfigDict, PositiveInt
 
-from gse.assessment.verdict import Assessment
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+from gse.catalog.stars import Designation
 from gse.config.station import Station
 from gse.errors import TruthError
+from gse.external.identifier import ExternalCounts
 from gse.process.cache_folder import own_cache_folder
-from gse.sessions.kept_context import KeptContext
+from gse.report.frames_table import frames_parts, frames_schema
+from gse.report.parquet import ParquetColumns, read_parquet, write_parquet
+from gse.report.restored_tables import restored_frames, restored_stars
+from gse.report.result_key import ResultKey
+from gse.report.sessions_table import sessions_table
+from gse.report.stars_table import stars_parts, stars_schema
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
+from gse.station.events import ClockStep
 from gse.station.frame_table import OTHER
+from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
-from gse.tables import ResultKey, frames_parts, frames_schema, sessions_table, stars_parts, stars_schema
-from gse.tables.parquet import ParquetColumns, read_parquet, write_parquet
-from gse.tables.restored import restored_frames, restored_stars
+from gse.truth import Alignment, EarthOrientation
+from gse.verdict.assessment import Assessment
+from protocols import StatusMessage
+
+# Context of kept results: what a session holds besides the tables of frames and stars.
+
+
+class KeptContext(BaseModel):
+    """Fields of SessionData, as JSON keeps them; the station is not among them, since the key names it."""
+
+    model_config = ConfigDict(extra="forbid", ser_json_inf_nan="constants")
+
+    protocol_name: str
+    subject: Subject
+    link: LinkCounters
+    events: list[ClockStep | LinkEvent]
+    events_not_kept: int
+    others_lost: int
+    clock: list[ClockReading]
+    statuses: list[tuple[int, StatusMessage]]
+    raw_sha256: str
+    catalog: dict[str, Any]
+    designation: Designation
+    versions: dict[str, str]
+    truncated: bool
+    earth_orientation: str | None
+    alignment: Alignment | None
+    clock_error_s: float | None
+    external: dict[str, Any] | None
+    external_counts: ExternalCounts
+
+    @classmethod
+    def of(cls, session: SessionData) -> "KeptContext":
+        """The context of a session."""
+        orientation, stars = session.earth_orientation, session.stars
+        own = {"designation", "earth_orientation"}
+        values = {name: getattr(session, name) for name in cls.model_fields if name not in own}
+        return cls.model_construct(
+            **values,
+            designation=stars.designation if stars else "Gaia DR3",
+            earth_orientation=orientation.to_json() if orientation else None,
+        )
+
+    def give_to(self, session: SessionData) -> None:
+        """Set the fields of a session; TruthError where the Earth orientation is none."""
+        text = self.earth_orientation
+        for name in type(self).model_fields:
+            if name not in ("designation", "earth_orientation"):
+                setattr(session, name, getattr(self, name))
+        session.earth_orientation = EarthOrientation.from_json(text) if text is not None else None
+
 
 CONTEXT = "context.json"
 MOST_BYTES = 2 << 30

@@ -11,12 +11,12 @@ from drivers.mock.playback import is_session
 from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import UsageError
-from gse.panorama import Panorama
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
 from gse.sessions.replay import ReplayOptions
 from gse.sessions.sealed_station import sealed, unsealed
 from gse.station.reception import Reception
 from gse.truth import EarthOrientation
+from gse.values.panorama import Panorama
 from protocols import Protocol, load_protocol, parse_protocol
 
 RECEIVE_TIMEOUT_S = 0.2

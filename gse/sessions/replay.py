@@ -12,7 +12,6 @@ from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock.playback import is_session
 from drivers.mock.urls import replay_url
-from gse import instant
 from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_station
 from gse.errors import TruthError, UsageError
@@ -28,13 +27,14 @@ from gse.recording.session_format import (
     read_recorded,
 )
 from gse.sessions.sealed_station import names_program, sealed, unsealed
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import no_words, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
+from gse.values import instant
 
 FIRST_WITHIN_S = 1.0
 MOST_THREADS = 2

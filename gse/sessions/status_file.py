@@ -6,25 +6,131 @@ number.
 """
 
 import contextlib
+import itertools
 import json
 import math
 import os
 import shutil
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.clock import read_clock
-from drivers.host_files import only_a_file
-from drivers.outside_text import is_plain
+from drivers.host_files import READ, only_a_file
+from drivers.outside_text import is_plain, plain_line
 from drivers.session_file.record_scanner import MAGIC
 from drivers.whole_file import write_whole
-from gse import instant
-from gse.sessions.note_files import collect_notes
-from gse.sessions.status_document import NAME, SCHEMA, read_status
-from gse.station.notes import Notes
+from gse.errors import UsageError
+from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes, note_text
+from gse.values import instant
 from gse.view.live_state import LiveState
 from gse.view.verdict_text import headline
+
+# Notes on their way to a running session, as files in its folder.
+#
+# ``gse note`` leaves a file, and the thread of the status file takes it away within a second: no server is needed.
+# Anybody who may write into the folder may leave a note.
+
+_PATTERN = "note-*.txt"
+_READ = READ | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
+"""No pipe is waited for, and no link takes another file of this host into the session."""
+
+
+def leave_note(folder: Path, text: str, number: int) -> Path:
+    """Leave a note for the session that records into ``folder``; the file goes when it is taken.
+
+    ``number`` tells notes apart. UsageError where it cannot be written.
+    """
+    path = folder / f"note-{number:020d}.txt"
+    unfinished = path.with_name(f".{path.name}.part")
+    try:
+        unfinished.write_text(text + "\n", encoding="utf-8")
+        unfinished.replace(path)
+    except OSError as error:
+        raise UsageError(f"cannot leave a note in {folder}: {error.strerror}") from error
+    return path
+
+
+def collect_notes(folder: Path, notes: Notes) -> None:
+    """Take the notes that were left in a folder, oldest first; what is not one line of text is thrown away."""
+    left = (path for path in sorted(folder.glob(_PATTERN)) if not path.is_dir())
+    for path in itertools.islice(left, MOST_WAITING):
+        with contextlib.suppress(OSError, ValueError):
+            text = _content(path)
+            path.unlink()
+            notes.put(note_text(text))
+
+
+def _content(path: Path) -> str:
+    """The beginning of a file; empty where it is none."""
+    try:
+        with os.fdopen(os.open(path, _READ), "rb") as file:
+            return file.read(4 * MOST_CHARACTERS + 1).decode(errors="replace")
+    except OSError:
+        return ""
+
+
+# The document of status.json as others read it: checked, since a session folder may come from anybody.
+
+SCHEMA = "gse.status/1"
+NAME = "status.json"
+_MOST_BYTES = 64 << 10
+_LARGEST = 1 << 62
+
+
+def _instant(text: str) -> str:
+    return instant.to_text(instant.from_text(text), 1)
+
+
+_Line = Annotated[str, AfterValidator(plain_line)]
+_Instant = Annotated[str, AfterValidator(_instant)]
+_Count = Annotated[int, Field(ge=0, le=_LARGEST)]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Process = Annotated[int, Field(gt=1, lt=1 << 31)]
+"""A signal to 1 or less goes to init, or to many processes at once."""
+
+
+class _Status(BaseModel):
+    """The keys that are read; others are left out. Earlier versions of gse wrote fewer."""
+
+    model_config = ConfigDict(strict=True)
+
+    schema_name: Literal["gse.status/1"] = Field(alias="schema")
+    state: Literal["starting", "running", "closing", "reporting", "ended"]
+    utc: _Instant = instant.to_text(0, 1)
+    pid: _Process
+    process: _Line | None
+    port: _Line = ""
+    link: _Line = ""
+    frames: _Count = 0
+    frames_lost: _Count = 0
+    frames_per_s: _Number | None = None
+    identified: _Number | None = None
+    last_answer_utc: _Instant | None = None
+    sky: _Line | None = None
+    so_far: _Line = ""
+    forecast: _Line | None = None
+    page: _Line | None = None
+    session_bytes: _Count = 0
+    disk_free_bytes: _Count = 0
+    verdict: _Line | None = None
+    exit_code: int | None = None
+
+
+def read_status(folder: Path) -> dict[str, Any] | None:
+    """The status of a session folder; None where it is missing, unreadable, or not of gse."""
+    path = folder / NAME
+    if not path.is_file():  # nobody writes into a pipe in its place
+        return None
+    try:
+        with path.open("rb") as file:
+            document = json.loads(file.read(_MOST_BYTES))
+        return _Status.model_validate(document).model_dump(by_alias=True)
+    except (OSError, ValueError, RecursionError, ValidationError):
+        return None
+
 
 EVERY_S = 1.0
 _CLOSE_WITHIN_S = 2.0

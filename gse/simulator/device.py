@@ -9,11 +9,11 @@ from drivers.chunk import Chunk
 from drivers.errors import UrlError
 from gse.config.station import Station
 from gse.errors import GseError
-from gse.instant import NS_PER_S
 from gse.simulator.firmware import BITS_PER_BYTE, Detector, SensorFirmware, Transmission
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import DEFAULT, Host, Scenario, check_start, load_scenario
+from gse.values.instant import NS_PER_S
 from protocols import load_protocol
 
 OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level", "reset_s")

@@ -14,11 +14,11 @@ from typing import Protocol as Interface
 
 import numpy as np
 
-from gse.instant import NS_PER_S
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.scenario import Firmware as Traits
 from gse.simulator.scenario import profile_at
+from gse.values.instant import NS_PER_S
 from protocols import (
     Ack,
     AttitudeMessage,

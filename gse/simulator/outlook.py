@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from gse.config.station import Station
-from gse.instant import to_text
-from gse.simulator.bodies import MOON, SUN
 from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario
-from gse.simulator.scene import Scene
+from gse.simulator.scene import SimulatedScene
+from gse.simulator.sky import MOON, SUN
+from gse.values.instant import to_text
 
 _MERGED_PX = 2.0
 _TEMPERATURE_C = 20.0
@@ -22,7 +22,7 @@ def outlook(station: Station, scenario: Scenario, hint: str) -> str:
     ``hint`` says what to do where daylight leaves no star.
     """
     utc_ns = scenario.start_utc_ns
-    scene = Scene(station, scenario, np.random.default_rng(0), _MERGED_PX)
+    scene = SimulatedScene(station, scenario, np.random.default_rng(0), _MERGED_PX)
     bodies = scene.bodies(utc_ns).track.directions(utc_ns)
     sun_deg, moon_deg = (math.degrees(math.asin(float(bodies[body][2]))) for body in (SUN, MOON))
     site = station.site
@@ -37,7 +37,7 @@ def outlook(station: Station, scenario: Scenario, hint: str) -> str:
     return f"looks at {where}: {sun}, {moon}: no stars" + (f"; {hint}" if sun_deg > -12 else "")
 
 
-def _stars(scene: Scene, station: Station, scenario: Scenario, utc_ns: int) -> int:
+def _stars(scene: SimulatedScene, station: Station, scenario: Scenario, utc_ns: int) -> int:
     """How many stars stand on the detector that it can see; none where the sky overexposes it."""
     photometry = Photometry.of(station.sensor, scenario)
     sky_magnitude = scene.boresight_sky_magnitude(utc_ns)

@@ -11,14 +11,14 @@ import numpy as np
 from astropy.coordinates import GCRS, FK4NoETerms, SkyCoord
 from numpy.typing import NDArray
 
-from gse.attitude_convention import AttitudeConvention, ReferenceFrame, state_angles, state_quaternions
 from gse.config.station import Station
-from gse.constants import ARCSEC_RAD
-from gse.instant import NS_PER_S, to_julian_date
-from gse.matrices import length, product
-from gse.simulator.pointing import horizon_to_sensor
-from gse.simulator.scenario import Attitude, Scenario
+from gse.simulator.scenario import AttitudeSection, Scenario
+from gse.simulator.scene import horizon_to_sensor
 from gse.simulator.sky import CELL_NS, AstropySite, Track, earth_orientation, times_of
+from gse.values.attitude_convention import AttitudeConvention, ReferenceFrame, state_angles, state_quaternions
+from gse.values.constants import ARCSEC_RAD
+from gse.values.instant import NS_PER_S, to_julian_date
+from gse.values.matrices import length, product
 from protocols import AttitudeMessage
 
 _BESIDE_RAD = 1e-3
@@ -33,7 +33,7 @@ class OwnAnswers:
     """Answers of the device ``station``, in the convention of its own ``sensor.attitude``."""
 
     def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator, start_ns: int) -> None:
-        self._traits: Attitude = scenario.attitude
+        self._traits: AttitudeSection = scenario.attitude
         self._convention: AttitudeConvention = station.sensor.attitude
         self._direction = _Direction(station, corrected=self._convention.aberration == "corrected")
         self._random, self._start_ns = random, start_ns

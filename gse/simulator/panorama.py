@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.config.station import Station
-from gse.constants import ARCSEC_PER_RAD
-from gse.panorama import MAX_OBJECTS
 from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario
-from gse.simulator.scene import Scene
+from gse.simulator.scene import SimulatedScene
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.panorama import MAX_OBJECTS
 
 OVEREXPOSED = "overexposed"
 """The status bit, in the words of the protocols."""
@@ -40,7 +40,7 @@ class PanoramaSource:
 
     def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator) -> None:
         self._scenario, self._random = scenario, random
-        self._scene = Scene(station, scenario, random, _FOOTPRINT_PX)
+        self._scene = SimulatedScene(station, scenario, random, _FOOTPRINT_PX)
         self._camera = self._scene.camera
         self._photometry = Photometry.of(station.sensor, scenario)
         self._noise_px = scenario.optics.position_noise_arcsec / ARCSEC_PER_RAD / self._camera.pixel_rad

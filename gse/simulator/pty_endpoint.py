@@ -9,7 +9,7 @@ import termios
 import tty
 
 from drivers.uart import USUAL_BAUDS
-from gse.simulator.endpoints import READ_BYTES
+from gse.simulator.emulator import READ_BYTES
 
 _UNREAD_LIMIT_BYTES = 3072
 """More pending bytes mean that nothing reads the terminal; the limit of the kernel is 4095."""

@@ -10,11 +10,10 @@ from drivers.link import SerialLink
 from drivers.session_file.records import CLOCK
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import Station
-from gse.instant import NS_PER_S
-from gse.recording.event_kinds import RecorderKind
 from gse.recording.recorder import Recorder
-from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, clock_json
+from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, RecorderKind, clock_json
 from gse.simulator.device import device_factory
+from gse.values.instant import NS_PER_S
 from protocols import load_protocol
 
 CLOCK_EVERY_NS = 60 * NS_PER_S
@@ -22,14 +21,14 @@ _RECEIVE_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class SimulatedRecording:
     """The bytes that the sensor sent, and what a full disk or a damaged file left of them, None where all is there."""
 
     bytes_sent: int
     damage: str | None
 
 
-def record_simulation(path: Path, station: Station, station_text: str, orientation_json: str) -> Recording:
+def record_simulation(path: Path, station: Station, station_text: str, orientation_json: str) -> SimulatedRecording:
     """Record the simulated sensor of the station's port (a sim:// URL) from start to end.
 
     The clock readings say what is true: the simulated host's clock is right. The Earth orientation that a replay shall
@@ -49,7 +48,7 @@ def record_simulation(path: Path, station: Station, station_text: str, orientati
         recorder.attach(EARTH_ORIENTATION, "application/json", orientation_json.encode())
         size = _record(link, recorder)
     refused = [event.text for event in recorder.news() if event.kind == RecorderKind.LOST]
-    return Recording(size, "; ".join(filter(None, [recorder.damage, *refused])) or None)
+    return SimulatedRecording(size, "; ".join(filter(None, [recorder.damage, *refused])) or None)
 
 
 def _record(link: SerialLink, recorder: Recorder) -> int:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from drivers.host_files import only_a_file
 from gse.config.station import BUILT_IN_TEXT, Station
 from gse.errors import ConfigError
-from gse.instant import from_text
+from gse.values.instant import from_text
 from protocols.yaml_text import load_document
 
 MAX_FILE_BYTES = 100_000
@@ -25,11 +25,11 @@ _Profile = tuple[tuple[float, float], ...]
 """(seconds since the start, value), linear between, held outside."""
 
 
-class _Section(BaseModel):
+class _ScenarioSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Optics(_Section):
+class OpticsSection(_ScenarioSection):
     """How stars become objects."""
 
     faintest_magnitude: Annotated[float, Field(ge=-2, le=10)] = 6.2
@@ -50,7 +50,7 @@ class Optics(_Section):
     """Mean of a pixel at 20 degC; doubles every 7 degC."""
 
 
-class Detector(_Section):
+class DetectorSection(_ScenarioSection):
     """Objects that are not stars, and stars that are missed."""
 
     hot_pixels: Annotated[int, Field(ge=0, le=1000)] = 0
@@ -64,7 +64,7 @@ class Detector(_Section):
     """Image level only."""
 
 
-class Air(_Section):
+class Air(_ScenarioSection):
     """Clouds, satellites and the light of the sky."""
 
     cloud_magnitudes: _Profile = ((0.0, 0.0),)
@@ -83,7 +83,7 @@ class Air(_Section):
     """Surface brightness of the moonless night, per square arcsecond."""
 
 
-class Motion(_Section):
+class Motion(_ScenarioSection):
     """How a mount moves that should stand still: along columns and rows, and about the boresight."""
 
     slips: tuple[tuple[float, float, float, float], ...] = ()
@@ -97,7 +97,7 @@ class Motion(_Section):
     vibration_hz: Annotated[float, Field(gt=0, le=10_000)] = 3.3
 
 
-class Host(_Section):
+class Host(_ScenarioSection):
     """The clock of the host that stamps the bytes; an emulator's host has its own."""
 
     clock_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
@@ -112,7 +112,7 @@ class Host(_Section):
         return self.clock_s + stepped + 1e-6 * self.clock_drift_ppm * since_start_s
 
 
-class Firmware(_Section):
+class Firmware(_ScenarioSection):
     """Traits of the sensor's computer."""
 
     clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 3.0
@@ -133,7 +133,7 @@ class Firmware(_Section):
     """Supply voltage, against seconds since power-on."""
 
 
-class Attitude(_Section):
+class AttitudeSection(_ScenarioSection):
     """The sensor's own answers (ATTITUDE frames); their convention is ``sensor.attitude`` of the device."""
 
     sends: bool = False
@@ -157,7 +157,7 @@ class Attitude(_Section):
     """Share of the answers that name other stars: 1 to 40 deg off."""
 
 
-class Finding(_Section):
+class ExpectedFinding(_ScenarioSection):
     """What the station must find: the verdict, and words that its reasons must hold."""
 
     verdict: Annotated[str, Field(pattern="^(PASS|FAIL|INCONCLUSIVE)$")] = "PASS"
@@ -169,7 +169,7 @@ class Finding(_Section):
     """Kinds of events that must occur."""
 
 
-class Scenario(_Section):
+class Scenario(_ScenarioSection):
     """A whole scenario.
 
     ``station`` changes the station file and the device alike; ``device`` changes the device only, behind the
@@ -183,14 +183,14 @@ class Scenario(_Section):
     exposure_s: Annotated[float, Field(ge=0.001, le=2)] = 0.05
     station: dict[str, Any] = {}
     device: dict[str, Any] = {}
-    optics: Optics = Optics()
-    detector: Detector = Detector()
+    optics: OpticsSection = OpticsSection()
+    detector: DetectorSection = DetectorSection()
     air: Air = Air()
     motion: Motion = Motion()
     host: Host = Host()
     firmware: Firmware = Firmware()
-    attitude: Attitude = Attitude()
-    find: Finding = Finding()
+    attitude: AttitudeSection = AttitudeSection()
+    find: ExpectedFinding = ExpectedFinding()
 
     @field_validator("start")
     @classmethod

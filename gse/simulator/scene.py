@@ -6,16 +6,127 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import Station
-from gse.instant import to_julian_year
-from gse.matrices import product
-from gse.simulator.bodies import FIRST_PLANET, MOON, SUN, BodyCell, bodies_over
-from gse.simulator.pointing import horizon_to_sensor, moved_by
-from gse.simulator.scenario import Air, Scenario, profile_at
-from gse.simulator.sky import CELL_NS, AstropySite, Sky, SkyCell, Track
-from gse.simulator.skylight import EXTINCTION_PER_AIRMASS, airmass, sky_magnitude
+from gse.simulator.scenario import Air, Motion, Scenario, profile_at
+from gse.simulator.sky import CELL_NS, FIRST_PLANET, MOON, SUN, AstropySite, BodyCell, Sky, SkyCell, Track, bodies_over
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_RAD
+from gse.values.instant import to_julian_year
+from gse.values.matrices import product
+from gse.values.mount import Mount
+
+# Where a mount points: turns of the head, one after the other.
+#
+# Written from the words of gse.config.Mount, not from gse.truth, so that the one can be tested by the other.
+
+
+def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
+    """The matrix (3, 3) that takes horizon vectors (x east, y north, z up) to the sensor frame (right, down, out)."""
+    # Look at the northern horizon, upright: right is east, down is below, out is north.
+    upright_north = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    # Turn the head to the right by the azimuth, tilt it up, roll the image top to the left.
+    to_the_right = _about(2, mount.azimuth_deg)
+    tilt_up = _about(0, -mount.altitude_deg)
+    roll_left = _about(2, mount.roll_deg)
+    rotation: NDArray[np.float64] = product(roll_left, tilt_up, upright_north, to_the_right)
+    return rotation
+
+
+def _about(axis: int, angle_deg: float) -> NDArray[np.float64]:
+    """The matrix (3, 3) that turns vectors about an axis, anticlockwise seen from its end."""
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    matrix = np.eye(3)
+    matrix[[one, other], [one, other]] = cosine
+    matrix[one, other], matrix[other, one] = -sine, sine
+    return matrix
+
+
+def moved_by(motion: Motion, since_start_s: float) -> NDArray[np.float64]:
+    """The matrix (3, 3) from the sensor frame of the mount at rest to that of the moved one."""
+    moved = np.array(motion.drift_arcsec_per_h) * (since_start_s / 3600)
+    for at_s, *arcsec in motion.slips:
+        moved += np.array(arcsec) * (since_start_s >= at_s)
+    slow = math.sin(2 * math.pi * since_start_s / motion.sinusoid_period_s)
+    quick = math.sin(2 * math.pi * since_start_s * motion.vibration_hz)
+    moved[:2] += slow * np.array(motion.sinusoid_arcsec) + quick * np.array(motion.vibration_arcsec)
+    if not moved.any():
+        return np.eye(3)
+    from scipy.spatial.transform import Rotation  # a quarter of a second, which a mount at rest need not wait
+
+    along_columns, along_rows, about = moved * ARCSEC_RAD
+    # A boresight that goes to larger columns leaves the old one at smaller ones.
+    rotation: NDArray[np.float64] = Rotation.from_rotvec([along_rows, -along_columns, about]).as_matrix()
+    return rotation
+
+
+# Brightness of the sky: night, Moon and twilight, in magnitudes per square arcsecond.
+#
+# The Moon's glow follows Krisciunas & Schaefer 1991, PASP 103, 1033, equations 2, 3, 15, 20, 21 (some 20 % accurate).
+# Twilight at the zenith is a parabola through Patat, Ugolnikov & Postylyakov 2006, A&A 455, 385 (V band, Sun 5 to 16
+# deg
+# down), drawn out in a straight line to sunset; its gradient towards the Sun is a rough guess.
+
+DARK_MAGNITUDE = 21.3
+"""Zenith of a moonless night at a good site, V per square arcsecond."""
+EXTINCTION_PER_AIRMASS = 0.2
+_BRIGHTEST_MAGNITUDE = 3.0
+"""Clear daylight."""
+_NANOLAMBERT_ZERO, _NANOLAMBERT_SLOPE, _NANOLAMBERT_UNIT = 20.7233, 0.92104, 34.08
+
+
+def sky_magnitude(
+    directions_horizon: NDArray[np.float64],
+    bodies: BodyCell,
+    utc_ns: int,
+    dark_magnitude: float = DARK_MAGNITUDE,
+    *,
+    sunlight: bool = True,
+) -> NDArray[np.float64]:
+    """Surface brightness (N,) of the sky in directions (N, 3), x east, y north, z up; as at night without sunlight."""
+    places = bodies.track.directions(utc_ns)
+    light = _light(dark_magnitude * np.ones(len(directions_horizon)))
+    if sunlight:
+        light = light + _light(_twilight_magnitude(directions_horizon, places[SUN]))
+    if places[MOON][2] > 0:
+        light = light + _moonlight(directions_horizon, places[MOON], bodies.magnitude[MOON])
+    magnitude = (_NANOLAMBERT_ZERO - np.log(light / _NANOLAMBERT_UNIT)) / _NANOLAMBERT_SLOPE
+    return np.asarray(np.maximum(magnitude, _BRIGHTEST_MAGNITUDE), dtype=np.float64)
+
+
+def airmass(directions_horizon: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Air masses (N,) in directions (N, 3): Krisciunas & Schaefer 1991, equation 3; 5 at the horizon."""
+    sin2_zenith_distance = 1 - np.clip(directions_horizon[:, 2], 0, 1) ** 2
+    return np.asarray((1 - 0.96 * sin2_zenith_distance) ** -0.5, dtype=np.float64)
+
+
+def _light(magnitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Nanolamberts of magnitudes per square arcsecond."""
+    return np.asarray(_NANOLAMBERT_UNIT * np.exp(_NANOLAMBERT_ZERO - _NANOLAMBERT_SLOPE * magnitude))
+
+
+def _moonlight(
+    directions: NDArray[np.float64], moon: NDArray[np.float64], moon_magnitude: float
+) -> NDArray[np.float64]:
+    """Nanolamberts that the air scatters from the Moon."""
+    cosine = np.clip(product(directions, moon), -1, 1)
+    separation_deg = np.degrees(np.arccos(cosine))
+    illuminance = 10 ** (-0.4 * (moon_magnitude + 16.57))
+    scattering = 10**5.36 * (1.06 + cosine**2) + 10 ** (6.15 - separation_deg / 40)
+    to_the_moon = 10 ** (-0.4 * EXTINCTION_PER_AIRMASS * airmass(moon[None])[0])
+    not_let_through = 1 - 10 ** (-0.4 * EXTINCTION_PER_AIRMASS * airmass(directions))
+    return np.asarray(scattering * illuminance * to_the_moon * not_let_through)
+
+
+def _twilight_magnitude(directions: NDArray[np.float64], sun: NDArray[np.float64]) -> NDArray[np.float64]:
+    down_deg = -math.degrees(math.asin(float(sun[2])))
+    from_five = max(min(down_deg - 5, 12.0), -10.0)
+    zenith = 11.84 + 1.518 * from_five - 0.057 * max(from_five, 0.0) ** 2 + 4 * max(down_deg - 17, 0.0)
+    # Twice as bright some 40 deg off the zenith on the Sun's side, half as bright on the other.
+    sunwards = product(directions[:, :2], sun[:2]) / max(float(np.hypot(sun[0], sun[1])), 1e-9)
+    return np.asarray(zenith - 1.2 * sunwards, dtype=np.float64)
+
 
 _CLOUD_PX = 300.0
 """Size of a cloud's structure, in pixels of 49 arcsec."""
@@ -39,7 +150,7 @@ class Moon:
     magnitude: float
 
 
-class Scene:
+class SimulatedScene:
     """What the camera of a device looks at; stars closer than ``merged_within_px`` are one, as in the optics."""
 
     def __init__(

@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
-from gse.constants import ARCSEC_PER_RAD
 from gse.process.jit import compiled
 from gse.station.results import AttitudeError
+from gse.values.attitude import Attitude
+from gse.values.constants import ARCSEC_PER_RAD
 
 
 def attitude_error(measured: Attitude, true: Attitude) -> AttitudeError:

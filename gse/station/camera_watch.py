@@ -5,15 +5,15 @@ A mirrored image gets that finding alone, unless its focal length is also wrong 
 
 from collections.abc import Sequence
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, mission_catalog
 from gse.identifier.camera_search import TOLERATED, find_camera
-from gse.instant import NS_PER_S
-from gse.panorama import Panorama
-from gse.percent import percent
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult
 from gse.station.results import Status
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S
+from gse.values.panorama import Panorama
+from gse.values.text import percent
 
 Said = tuple[StationKind, str]
 """Kind and text of an event."""

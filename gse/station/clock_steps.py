@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.instant import LAST_NS, NS_PER_DAY, NS_PER_S
-from gse.station.event_kinds import ClockStep
+from gse.station.events import ClockStep
 from gse.station.frame_columns import Columns
+from gse.values.instant import LAST_NS, NS_PER_DAY, NS_PER_S
 
 WRONG_CLOCK_NS = 10 * NS_PER_S
 """A clock that was put right by more than this stamped nothing that can be judged."""

@@ -1,6 +1,6 @@
 """Columns of a session's frames: each is declared here once, with its name, type and meaning.
 
-frames.csv (gse.report.frames_csv), Parquet (gse.tables), docs/tables.md and the graphs of rerun (gse.view.series) are
+frames.csv (gse.report.frames_csv), Parquet (gse.report), docs/tables.md and the graphs of rerun (gse.view.series) are
 made from COLUMNS. So a new column is an entry here and a line in the function that fills it.
 """
 
@@ -159,7 +159,7 @@ COLUMNS = (
     ),
     Column("cross_y_arcsec", "f8", "error of the boresight along rows", of_answer=True, graph="cross", line="y (rows)"),
     # Of the sky: stars_seen, limiting_mag and false_objects are filled by FrameResults.rows; the others, the same for
-    # the frames of 5 s, by gse.station.sky_watch.
+    # the frames of 5 s, by gse.station.sky_condition.
     Column(
         "stars_seen",
         "u1",

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
-from gse.instant import LAST_NS, NS_PER_S, from_text
 from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, first_rows
-from gse.station.event_kinds import ClockStep
+from gse.station.events import ClockStep
 from gse.station.frame_columns import Columns
+from gse.values.instant import LAST_NS, NS_PER_S, from_text
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from gse import instant
 from gse.station.frame_results import FrameResult
+from gse.values import instant
 
 SCHEMA = "gse.frame/1"
 

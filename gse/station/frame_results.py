@@ -9,15 +9,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, Attitudes, angles_deg
 from gse.external.identifier import Given
 from gse.identifier import Answers
-from gse.panorama import Panorama, Panoramas
 from gse.station.columns import ANSWER_CHECKS, STATUSES, empty_rows
 from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN, Others
 from gse.station.results import ERRORS, AnswerCheck, AttitudeError, Match, Matches, Starlight, Status
 from gse.station.starlight import rows_of
+from gse.values.attitude import Attitude, Attitudes, angles_deg
+from gse.values.panorama import Panorama, Panoramas
 
 T = TypeVar("T")
 

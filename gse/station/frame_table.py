@@ -7,24 +7,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.station.columns import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
+from gse.station.columns import FRAME
 from gse.station.frame_columns import ColumnStore, FrameColumns
-
-__all__ = [
-    "ANSWER_CHECKS",
-    "FRAME",
-    "MATCH",
-    "MOST_IN_MEMORY",
-    "MOST_MATCHES",
-    "NO_OTHERS",
-    "OTHER",
-    "SKY_CONDITIONS",
-    "STATUSES",
-    "FrameTable",
-    "residuals_of",
-    "thinned",
-    "xy_px_of",
-]
 
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; the capacity doubles when it is full."""

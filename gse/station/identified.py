@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitudes
 from gse.external.identifier import Given
 from gse.identifier import Answers
 from gse.station.results import Matches, Starlight
+from gse.values.attitude import Attitudes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,7 +44,7 @@ import math
 from array import array
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -56,33 +56,135 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
-from gse.panorama import Panorama, Panoramas
+from gse.errors import TruthError
+from gse.external.answers import Failure, FailureKind
+from gse.identifier import Reason
 from gse.recording.session_format import RecordedTimings
 from gse.station.byte_stream import FrameAt
 from gse.station.camera_watch import CameraWatch
-from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.event_log import EventLog
+from gse.station.events import ClockStep, EventLog, StationKind
 from gse.station.frame_processor import FrameProcessor
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.housekeeping import fill_housekeeping
 from gse.station.identified import Identified
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.own_answer_results import OwnAnswerProcessor
+from gse.station.own_answers import OwnAnswerProcessor
 from gse.station.reception import News, Received, Reception
-from gse.station.result_events import ResultEvents
 from gse.station.results import OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
-from gse.station.sky_watch import SkyWatch
-from gse.station.truth_source import TruthSource
+from gse.station.sky_condition import SkyWatch
 from gse.station.unnamed_stars import LeftOutStars
 from gse.station.unreadable_bytes import what_fits
-from gse.truth import EarthOrientation
+from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
+from gse.values.mount import InertialDirection
+from gse.values.panorama import Panorama, Panoramas
+from gse.values.site import Site
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+
+
+# Events that results bring: of the sky, of a camera that is not as stated, of an external identifier.
+
+
+@dataclass(frozen=True, slots=True)
+class ResultEvents:
+    """Finds the events of results, in their order, with what the session showed before."""
+
+    sky: SkyWatch
+    camera: CameraWatch
+
+    def of(self, results: FrameResults, session: SessionData, first: int) -> list[tuple[int, LinkEvent]]:
+        """The events of results whose first is row ``first`` of the session, each with the result that it precedes."""
+        events: list[tuple[int, LinkEvent]] = []
+        if session.station.mount.inertial is None:  # before a star simulator there is no sky
+            taken = self.sky.take(session.frames.columns, first)
+            events += [(row - first, event) for row, found in taken for event in found]
+        events += _external(results, session)
+        for k, answer in results.answers.unidentified.items():
+            if answer.reason is Reason.MIRRORED:
+                events.append((k, _event(results, k, StationKind.MIRRORED, answer.detail)))
+        events += [(k, _event(results, k, *said)) for k, said in self.camera.look(results)]
+        return sorted(events, key=itemgetter(0))
+
+    def finish(self, session: SessionData) -> list[LinkEvent]:
+        """The events that the end of a session brings."""
+        frames = session.frames.columns
+        events: list[LinkEvent] = []
+        if said := self.camera.finish():
+            events.append(LinkEvent(int(frames["utc_ns"][-1]), 0, *said))
+        if session.station.mount.inertial is None:
+            events += self.sky.finish(frames)
+        return events
+
+
+def _external(results: FrameResults, session: SessionData) -> Iterator[tuple[int, LinkEvent]]:
+    """What an external identifier did is counted; its failures are events."""
+    for k, given in results.given.items():
+        session.external_counts.count(given)
+        if isinstance(given.answer, Failure):
+            kind, text = _failure_words(given.answer, int(results.panoramas.frame_no[k]))
+            if kind is StationKind.IDENTIFIER_FAULT or session.external_counts.failures[FailureKind.GIVEN_UP] == 1:
+                yield k, _event(results, k, kind, text)
+
+
+def _failure_words(failure: Failure, frame_no: int) -> tuple[StationKind, str]:
+    """Kind and text of an event; a kind of its own where no more answers come, so that it is announced too."""
+    if failure.kind is FailureKind.GIVEN_UP:
+        return StationKind.IDENTIFIER_GIVEN_UP, f"no answer from frame {frame_no} on: {failure.detail}"
+    return StationKind.IDENTIFIER_FAULT, f"{failure.kind} at frame {frame_no}: {failure.detail}"
+
+
+def _event(results: FrameResults, k: int, kind: str, text: str) -> LinkEvent:
+    return LinkEvent(int(results.panoramas.utc_ns[k]), 0, kind, text)
+
+
+# Truth for the instants of a session: of the sky with the Earth's orientation, or of a star simulator.
+#
+# The Earth orientation is that of the session, which is frozen with it, or is read for the date of the first panorama.
+# After a step of the clock beyond its reach it is sought again; for a date that is not known there is none.
+
+
+class TruthSource:
+    """Gives truth at the first panorama; ``given`` tables replace the installed ones, a ``frozen`` orientation both."""
+
+    def __init__(
+        self, site: Site, inertial: InertialDirection | None, frozen: EarthOrientation | None, given: GivenTables | None
+    ) -> None:
+        self._site, self._inertial = site, inertial
+        self._is_frozen, self._given = frozen is not None, given
+        self.orientation = frozen
+
+    def at(self, utc_ns: int) -> tuple[SiderealTruth | InertialTruth | None, LinkEvent | None]:
+        """Truth for an instant, None where there is none, and the event that says what it lacks, if anything."""
+        if self._inertial is not None:
+            return InertialTruth(self._inertial), None
+        try:
+            self.orientation, warning = self._found(utc_ns)
+        except TruthError as error:
+            return None, LinkEvent(utc_ns, 0, StationKind.NO_TRUTH, str(error))
+        event = LinkEvent(utc_ns, 0, StationKind.EARTH_ORIENTATION, warning) if warning else None
+        return SiderealTruth(self._site, self.orientation), event
+
+    def reaches(self, utc_ns: int) -> bool:
+        """Whether the Earth orientation at hand is good for an instant."""
+        try:
+            return self.orientation is not None and not self.orientation.warning(utc_ns)
+        except TruthError:
+            return False
+
+    def _found(self, utc_ns: int) -> tuple[EarthOrientation, str | None]:
+        """The Earth orientation for an instant, and a warning where it does not reach it."""
+        at_hand = self.orientation
+        if at_hand is not None and (self._is_frozen or not at_hand.warning(utc_ns)):
+            return at_hand, at_hand.warning(utc_ns)
+        found = EarthOrientation.from_disk(utc_ns, given=self._given)
+        warning = found.warning(utc_ns)
+        return (at_hand if at_hand is not None and warning else found), warning
+
 
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000

@@ -6,17 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.constants import ARCSEC_PER_RAD
-from gse.count_text import count_text
 from gse.errors import UsageError
-from gse.instant import NS_PER_S
-from gse.matrices import product
-from gse.star_influence import attitude_operators, star_covariance, unfitted
+from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_results import FrameResult, FrameResults
-from gse.station.frame_table import ANSWER_CHECKS, residuals_of, xy_px_of
+from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.results import AnswerCheck
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks, truth_of
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.instant import NS_PER_S
+from gse.values.matrices import product
+from gse.values.star_influence import attitude_operators, star_covariance, unfitted
+from gse.values.text import count_text
 
 MIN_FRAMES = 10
 """Fewest identified frames for a fit in a running session; the fit waits until it has them."""

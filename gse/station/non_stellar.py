@@ -12,15 +12,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.identifier import Answers
-from gse.instant import NS_PER_S
-from gse.matrices import product
-from gse.panorama import Panoramas
-from gse.parts import Parts
-from gse.site import Site
 from gse.station.starlight import rows_of
 from gse.truth.solar_system import BODIES, bodies_icrs
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S
+from gse.values.matrices import product
+from gse.values.panorama import Panoramas, Parts
+from gse.values.site import Site
 
 HOT_PIXEL = "hot pixel"
 UNKNOWN = "unknown"

@@ -12,22 +12,28 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import solve_attitude
-from gse.attitude_convention import AttitudeConvention, read_angles, read_quaternions, state_angles
-from gse.axis import ALL_AXES, D_ROLL
-from gse.camera import Camera
-from gse.constants import ARCSEC_PER_RAD
-from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
-from gse.matrices import length, product
-from gse.mount import Mount
+from gse.identifier import Answers
 from gse.station.attitude_error import attitude_errors
-from gse.station.attitude_table import ANGLES, QUATERNION
+from gse.station.attitude_table import ANGLES, QUATERNION, AttitudeTable
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_columns import Columns
-from gse.station.results import Subject
+from gse.station.frame_results import FrameResults
+from gse.station.non_stellar import Others
+from gse.station.results import ERRORS, AnswerCheck, Matches, OwnAnswer, Starlight, Status, Subject
 from gse.station.session_data import SessionData
-from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor, truth_of
+from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor, mount_of, truth_of
 from gse.truth.frames import icrs_to_frame
 from gse.truth.orientation import FIRST_MJD
+from gse.values.attitude import Attitude, Attitudes, solve_attitude
+from gse.values.attitude_convention import AttitudeConvention, read_angles, read_quaternions, state_angles
+from gse.values.axis import D_ROLL
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
+from gse.values.matrices import length, product
+from gse.values.mount import Mount
+from gse.values.panorama import Panorama, Panoramas
+from protocols import AttitudeMessage
 
 _CELL_NS = 60 * NS_PER_S
 """Aberration and refraction of the boresight change by 0.01 arcsec in this time."""
@@ -41,8 +47,6 @@ _FIRST_NS = (FIRST_MJD - UNIX_EPOCH_MJD + 1) * NS_PER_DAY
 """No truth before: a wrong clock may have stamped a frame so."""
 _ROWS_AT_ONCE = 1 << 14
 """Rotations of more rows than these are large: those of 8 h at 10 Hz have 20 MB."""
-
-ERRORS = tuple(axis.column for axis in ALL_AXES)
 
 OWN_ERROR = np.dtype([("utc_ns", "i8"), *((name, "f8") for name in (*ERRORS[:3], "latency_ms"))])
 """One row per answer, at the mid-exposure of its panorama. NaN where the sensor has no answer, or there is no truth."""
@@ -325,3 +329,87 @@ class NewOwnErrors:
             rows[name] = values
         rows["d_roll_arcsec"][_lacks_roll(answers["ra_deg"], answers["roll_deg"])] = np.nan
         return rows[np.argsort(utc_ns, kind="stable")]
+
+
+# Results of a sensor that sends its own answers and no panoramas: it is the only subject of its session.
+
+_NO_COVARIANCE = np.zeros((3, 3))
+
+
+class OwnAnswerProcessor:
+    """Makes results of answers, read by the sensor's convention."""
+
+    def __init__(self, convention: AttitudeConvention, camera: Camera) -> None:
+        self._convention = convention
+        self._field_sensor = field_of(camera)
+        self._truth: OwnAnswerTruth | None = None
+
+    @staticmethod
+    def panorama(answer: OwnAnswer) -> Panorama:
+        """The exposure behind an answer: its time and number, without objects."""
+        message = answer.message
+        return Panorama(
+            utc_ns=answer.utc_ns or 0,
+            xy_px=np.empty((0, 2)),
+            brightness=np.empty(0),
+            frame_no=message.frame_no,
+            exposure_s=math.nan,
+            time_us=message.time_us,
+            host_utc_ns=answer.host_utc_ns,
+            sequence=answer.sequence,
+            problems=message.problems,
+        )
+
+    def results(
+        self, panorama: Panorama, message: AttitudeMessage, truth: SiderealTruth | None, mount: Mount | None
+    ) -> FrameResults:
+        """The result of an answer, alone; its identification time is the processing time that the sensor states."""
+        table = AttitudeTable()
+        table.append(panorama.host_utc_ns, message)
+        status, detail = Status.IDENTIFIED, ""
+        measured, geometric, true = (Attitudes.none(1) for _ in range(3))
+        errors_arcsec = np.full((1, len(ERRORS)), np.nan)
+        utc_ns = np.array([panorama.utc_ns])
+        if not table.columns["acquired"][0]:
+            status = Status.SENSOR_FAULT if message.problems else Status.NO_MATCH
+            detail = message.problems[0] if message.problems else f"the sensor says {message.state or 'nothing'}"
+        else:
+            (seen,) = measured_rotations(table.columns, utc_ns, self._convention)
+            measured[0] = Attitude(seen, _NO_COVARIANCE)
+            if truth is not None:
+                (shift,) = self._of(truth, mount or _looking_at(seen, truth, panorama.utc_ns)).shifts(utc_ns)
+                geometric[0] = Attitude(product(shift.T, seen), _NO_COVARIANCE)
+            if truth is not None and mount is not None:
+                true[0] = truth.attitude_true(panorama.utc_ns, mount)
+                errors_arcsec = attitude_errors(geometric.icrs_to_sensor, true.icrs_to_sensor)
+        return FrameResults(
+            Panoramas.of([panorama]),
+            Subject.SENSOR.value,
+            str,
+            np.array([STATUSES.index(status)], dtype=np.uint8),
+            {0: detail} if detail else {},
+            Answers.none(1),
+            np.zeros((0, 2)),
+            np.array([message.latency_s * 1e6]),
+            measured,
+            geometric,
+            true,
+            errors_arcsec,
+            np.array([True]),
+            np.array([ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)], dtype=np.uint8),
+            Others.none(1),
+            Starlight.none(1),
+            Matches.none(1),
+        )
+
+    def _of(self, truth: SiderealTruth, mount: Mount) -> OwnAnswerTruth:
+        """Kept while truth and mount stay: what moves the answers is computed once a minute."""
+        if self._truth is None or self._truth.truth is not truth or self._truth.mount != mount:
+            corrected = self._convention.aberration == "corrected"
+            self._truth = OwnAnswerTruth(truth, mount, corrected, self._field_sensor)
+        return self._truth
+
+
+def _looking_at(measured: NDArray[np.float64], truth: SiderealTruth, utc_ns: int) -> Mount:
+    """The mount that the answer itself shows, for refraction while the mount is not fitted yet."""
+    return mount_of(product(measured, truth.icrs_to_horizon(utc_ns).T))

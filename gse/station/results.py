@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.parts import Parts
+from gse.values.panorama import Parts
 from protocols import AttitudeMessage
 
 

@@ -9,10 +9,12 @@ from gse.catalog.stars import ListedStars
 from gse.config.station import Station
 from gse.external.identifier import ExternalCounts
 from gse.station.attitude_table import AttitudeTable
+from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters, Subject
 from gse.truth import Alignment, EarthOrientation
+from gse.truth.orientation import FIRST_NS
 from protocols import StatusMessage
 
 
@@ -59,3 +61,16 @@ class SessionData:
     def panoramas_lost(self) -> int:
         """Lost frames that may have been panoramas, and the copies that a frozen sensor sent instead of them."""
         return self.link.frames_lost - self.others_lost + self.link.frames_repeated
+
+
+# The instant that stands for a session wherever truth is asked for one.
+
+
+def middle_instant_ns(session: SessionData) -> int | None:
+    """UTC of the middle one of the frames that no wrong clock stamped; None without frames, or where none has truth.
+
+    A clock that is set to 1970 in the session, and stays there, is the last one and so counts as right.
+    """
+    utc_ns = instants_ns(session.frames.columns, session.events)
+    utc_ns = utc_ns[utc_ns >= FIRST_NS]
+    return int(utc_ns[len(utc_ns) // 2]) if len(utc_ns) else None

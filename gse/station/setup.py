@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import read_clock
-from gse.attitude import Attitude, solve_attitude
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.catalog.readers import GAIA
 from gse.config.station import Station
@@ -20,12 +18,14 @@ from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
 from gse.identifier.first_compilation import first_compilation, is_compiled
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
-from gse.instant import NS_PER_S, to_julian_year
-from gse.matrices import product
-from gse.panorama import MAX_OBJECTS
 from gse.process.installation import package_version
 from gse.process.jit import machine_code_folder
 from gse.process.release_memory import give_back
+from gse.values.attitude import Attitude, solve_attitude
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S, to_julian_year
+from gse.values.matrices import product
+from gse.values.panorama import MAX_OBJECTS
 from gse.version import __version__
 from protocols import Protocol, load_protocol, parse_protocol
 

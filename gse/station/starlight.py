@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog
 from gse.identifier import Answers
-from gse.parts import Parts
 from gse.station.results import Matches, Starlight
+from gse.values.panorama import Parts
 
 MARGIN_MAG = 1.0
 """Colours, noise and doubles make a star as much brighter than its catalogue magnitude says, or as much fainter."""

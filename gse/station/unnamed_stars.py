@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.constants import ARCSEC_PER_RAD
 from gse.identifier import Answers, ObjectColumns
-from gse.parts import Parts
 from gse.process.jit import compiled
 from gse.station.results import Matches
 from gse.station.starlight import rows_of
 from gse.truth import SiderealTruth
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.panorama import Parts
 
 WITHIN_PX = 4.0
 """Of the place of a star: a false object is as near to one by chance once in a thousand times."""

@@ -18,7 +18,7 @@ from gse.statistics.sampling import (
     root_mean_square_bounds,
     slope_bounds,
 )
-from gse.statistics.theil_sen import theil_sen
+from gse.statistics.slopes import theil_sen
 
 WINDOW_S = 20.0
 """The running mean over this time is called low-frequency; what is left over is noise. In 20 s a star crosses a few

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.errors import UsageError
-from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps, clock_stretches, first_rows
-from gse.station.event_kinds import ClockStep
+from gse.station.events import ClockStep
 from gse.station.frame_columns import Columns
-from gse.statistics.theil_sen import theil_sen
+from gse.statistics.slopes import theil_sen
+from gse.values.instant import NS_PER_S
 
 _BLOCKS = 60
 _MIN_DRIFT_S = 30.0

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Claim
 from gse.statistics.excuses import excusing, left_out
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
 
 OUTLIER_ARCSEC = 1800.0
 """An answer this far from the median of all is not noise: half a degree."""

@@ -3,13 +3,12 @@
 In orbit there is none: an identifier that fails for it on the ground has not failed.
 """
 
-from gse.constants import ARCSEC_PER_RAD
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.own_answers import OwnAnswerTruth, field_of
 from gse.station.results import AnswerCheck, Status
-from gse.station.session_data import SessionData
-from gse.statistics.middle_instant import middle_instant_ns
+from gse.station.session_data import SessionData, middle_instant_ns
 from gse.truth import truth_of
+from gse.values.constants import ARCSEC_PER_RAD
 
 _OF_TOLERANCE = 0.5
 """Root mean square over the field: the distance of two stars is then off by up to three times as much."""

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gse.axis import D_ROLL, OF_SENSOR
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import AxisStatistics
 from gse.statistics.session_statistics import Statistics
-from gse.statistics.spatial_errors import Part, SpatialErrors
-from gse.statistics.subject_statistics import SubjectStatistics
-from gse.statistics.thermal import ThermalError
+from gse.statistics.spatial_errors import ErrorPart, SpatialErrors
+from gse.statistics.subject_statistics import SubjectStatistics, ThermalError
+from gse.values.axis import D_ROLL, OF_SENSOR
 
 _DRIFT_NEEDS_S = 3600.0
 _NAN = float("nan")
@@ -71,7 +70,7 @@ def _bias(subject: Subject, axis: str, of_axis: AxisStatistics) -> Metric:
 def _spatial(axis: str, errors: SpatialErrors | None) -> Iterator[Metric]:
     for term, part in (("FOV spatial error", "fov"), ("pixel spatial error", "pixel"), ("temporal noise", "temporal")):
         interpretation = "temporal" if part == "temporal" else "ensemble of the stars"
-        found: Part | None = getattr(errors, part) if errors else None
+        found: ErrorPart | None = getattr(errors, part) if errors else None
         note = "" if found else "too few stars to tell"
         star = (found.rms_arcsec, found.low_arcsec, found.high_arcsec) if found else (_NAN,) * 3
         boresight = found.boresight_arcsec if found else _NAN

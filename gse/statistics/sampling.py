@@ -18,9 +18,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.matrices import product
-from gse.statistics.autocorrelation import mean_error, weighted_sum_error
-from gse.statistics.student_mixture import MixedStudent
+from gse.statistics.autocorrelation import MixedStudent, mean_error, weighted_sum_error
+from gse.values.matrices import product
+
+# Percentiles of something measured once per frame.
+
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Percentiles:
+    """Percentiles of ``n`` values; NaN where there is none."""
+
+    n: int
+    p50: float
+    p95: float
+    p99: float
+    max: float
+
+
+def percentiles(values: NDArray[np.float64]) -> Percentiles:
+    """Percentiles of the finite values."""
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
+        return Percentiles(0, _NAN, _NAN, _NAN, _NAN)
+    p50, p95, p99 = (float(value) for value in np.percentile(finite, [50, 95, 99]))
+    return Percentiles(len(finite), p50, p95, p99, float(finite.max()))
+
 
 MIN_FRAMES = 30
 """Fewer frames get no bounds."""
@@ -35,7 +59,6 @@ _TAIL_SHARE = 0.05
 _TAIL_FROM = 0.8
 _TAIL_EVENTS = 3.0
 _MAX_LOG = 50.0
-_NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)

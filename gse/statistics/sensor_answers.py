@@ -6,8 +6,7 @@ import numpy as np
 
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.own_answers import own_truth, paired
-from gse.station.session_data import SessionData
-from gse.statistics.middle_instant import middle_instant_ns
+from gse.station.session_data import SessionData, middle_instant_ns
 
 
 def not_compared(session: SessionData) -> int:

@@ -5,24 +5,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.axis import ALL_AXES
 from gse.station.clock_steps import instants_ns
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES, thinned, xy_px_of
+from gse.station.frame_table import thinned, xy_px_of
 from gse.station.own_answers import SensorAnswers, sensor_answers
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
-from gse.statistics.answer_differences import answer_differences
 from gse.statistics.clock_health import ClockHealth, clock_health
-from gse.statistics.convention_search import ConventionSearch
 from gse.statistics.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames, explained_arcsec
-from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
-from gse.statistics.percentiles import Percentiles
-from gse.statistics.sensor_convention import is_wrong, session_convention
+from gse.statistics.onboard_equivalence import OnboardEquivalence, answer_differences, equivalence
+from gse.statistics.sampling import Percentiles
+from gse.statistics.sensor_convention import ConventionSearch, is_wrong, session_convention
 from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
-from gse.statistics.subject_statistics import NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics
+from gse.statistics.subject_statistics import NO_EARTH_RATE, SubjectAnswers, SubjectStatistics, subject_statistics
+from gse.values.axis import ALL_AXES
 
 _MOST_STAR_ERRORS = 20_000
 """Of a longer session every second, third, ... frame enters the spatial errors: each costs 300 bytes in the fit."""
@@ -107,11 +106,11 @@ def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
     return counts
 
 
-def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
+def _of_frames(session: SessionData, counted: CountedFrames) -> SubjectAnswers:
     frames, given = session.frames.columns, session.external_counts
     columns = {axis.column: frames[axis.column] for axis in ALL_AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
-    return Answers(
+    return SubjectAnswers(
         columns,
         counted.expected,
         ~counted.excluded,
@@ -124,12 +123,12 @@ def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
     )
 
 
-def _sensor(own: SensorAnswers, frames: Columns, counted: CountedFrames) -> Answers:
+def _sensor(own: SensorAnswers, frames: Columns, counted: CountedFrames) -> SubjectAnswers:
     columns = {axis.column: getattr(own, axis.column) for axis in ALL_AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     false, used = sensor_masks(own, frames, counted)
     masks = counted.expected, ~counted.excluded, own.acquired, false, used
-    return Answers(columns, *masks, own.latency_ms, own.arrival_ms, time_is_stated=True)
+    return SubjectAnswers(columns, *masks, own.latency_ms, own.arrival_ms, time_is_stated=True)
 
 
 def sensor_masks(

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.columns import SKY_CONDITIONS
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.results import SkyCondition
 from gse.station.sky_condition import SUN_LIMIT_DEG
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.matrices import pinv, product
-from gse.star_influence import attitude_operators, boresight_shifts
+from gse.values.matrices import pinv, product
+from gse.values.star_influence import attitude_operators, boresight_shifts
 
 DEGREE = 3
 """Of the polynomial of the field: focal length, distortion and tilt of the detector are of degree 3 or less."""
@@ -23,7 +23,7 @@ MIN_STARS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ErrorPart:
     """The rms of one part of a star's error along one axis, with its 95 % interval (0 as ``low`` where nothing is
     shown), and the rms that it makes of the boresight along that axis; arcsec."""
 
@@ -37,9 +37,9 @@ class Part:
 class SpatialErrors:
     """One axis: ECSS FOV spatial error, pixel spatial error, temporal noise; of ``stars`` stars and ``n`` residuals."""
 
-    fov: Part
-    pixel: Part
-    temporal: Part
+    fov: ErrorPart
+    pixel: ErrorPart
+    temporal: ErrorPart
     stars: int
     n: int
 
@@ -91,7 +91,7 @@ def _part(
     covariance: NDArray[np.float64],
     shifts: NDArray[np.float64],
     frames: NDArray[np.int64],
-) -> Part:
+) -> ErrorPart:
     """Mean square of a fitted part less what noise alone puts there, with the variance of a quadratic form."""
     gram = product(basis.T, basis) / len(basis)
     noise = float(np.trace(product(gram, covariance)))
@@ -105,12 +105,12 @@ def _part(
     made = _per_frame(product(basis, fit) * shifts, frames)
     by_noise = _per_frame_noise(basis, covariance, shifts, frames)
     boresight = math.sqrt(max(float((made**2).mean()) - by_noise, 0.0))
-    return Part(rms, math.sqrt(max(square - half, 0.0)), math.sqrt(max(square + half, 0.0)), boresight)
+    return ErrorPart(rms, math.sqrt(max(square - half, 0.0)), math.sqrt(max(square + half, 0.0)), boresight)
 
 
 def _noise(
     left: NDArray[np.float64], star: NDArray[np.int64], shifts: NDArray[np.float64], frames: NDArray[np.int64]
-) -> Part:
+) -> ErrorPart:
     """What is left: its mean square clustered by star; the fit of three angles to a frame took its share of it."""
     count = np.bincount(star)
     per_frame = len(left) / len(np.unique(frames))
@@ -119,7 +119,7 @@ def _noise(
     differences = np.bincount(star, weights=left**2) * scale - square * count
     half = 1.96 * math.sqrt(float((differences**2).sum())) / len(left)
     boresight = math.sqrt(float((shifts**2).sum()) / len(np.unique(frames)) * float((left**2).mean()))
-    return Part(math.sqrt(square), math.sqrt(max(square - half, 0.0)), math.sqrt(square + half), boresight)
+    return ErrorPart(math.sqrt(square), math.sqrt(max(square - half, 0.0)), math.sqrt(square + half), boresight)
 
 
 def _per_frame(values: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:

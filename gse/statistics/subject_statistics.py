@@ -10,18 +10,106 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
-from gse.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, OF_SENSOR, Axis
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
-from gse.matrices import product
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import AxisStatistics, axis_statistics
 from gse.statistics.decision import Figure, Share, share_of
-from gse.statistics.first_fix import first_fixes_s
-from gse.statistics.percentiles import Percentiles, percentiles
-from gse.statistics.sampling import effective_number
-from gse.statistics.thermal import ThermalError, thermal_error
+from gse.statistics.sampling import Percentiles, effective_number, percentiles
+from gse.values.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, OF_SENSOR, Axis
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.matrices import pinv, product
+
+# Time to first fix: from a cold start to the first good answer, as a list over the starts of a session.
+#
+# A start is the first panorama, or the first one after the sensor's frame numbers began anew: a reset, or power that
+# came
+# back. ECSS-E-ST-60-20C Rev.2 asks for the acquisition time as a distribution.
+
+
+def first_fixes_s(
+    utc_ns: NDArray[np.int64], frame_no: NDArray[np.uint32], good: NDArray[np.bool_]
+) -> tuple[float, ...]:
+    """Seconds from the first panorama (M,) of each start to its first good answer; NaN where none came.
+
+    ``frame_no`` (M,) are the sensor's own numbers, ``good`` (M,) tells answers that are neither absent nor false.
+    """
+    if len(utc_ns) == 0:
+        return ()
+    numbers = frame_no.astype(np.int64)
+    starts = np.flatnonzero(np.diff(numbers, prepend=numbers[0]) < 0)
+    fixes = []
+    for rows in np.split(np.arange(len(utc_ns)), starts):
+        first = rows[good[rows]][:1]
+        fixes.append(float(utc_ns[first[0]] - utc_ns[rows[0]]) / 1e9 if len(first) else float("nan"))
+    return tuple(fixes)
+
+
+# Thermo-elastic error: how the attitude error follows the sensor's temperature, in arcsec per kelvin.
+#
+# ECSS-E-ST-60-20C Rev.2 counts it among the bias and low-frequency errors. A straight drift in time is fitted beside
+# the
+# temperature, so that a mount that sinks is not taken for it; where the temperature itself only drifts, the two cannot
+# be
+# told apart and the interval says so. The interval respects autocorrelation: block means, Student's t.
+
+BLOCKS = 32
+"""Means of so many equal parts of the session are fitted; their residuals' correlation widens the interval."""
+MIN_FRAMES = 60
+RESOLUTION_K = 0.1
+"""A temperature that moved by less than five of these tells nothing."""
+_STEPS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalError:
+    """Arcsec per kelvin of one axis with its 95 % interval, and the range of the temperature in K."""
+
+    arcsec_per_k: float
+    low_arcsec_per_k: float
+    high_arcsec_per_k: float
+    range_k: float
+
+
+def thermal_error(
+    utc_ns: NDArray[np.int64],
+    error_arcsec: NDArray[np.float64],
+    temperature_c: NDArray[np.floating],
+    *,
+    resolution_k: float = RESOLUTION_K,
+) -> ThermalError | None:
+    """Of errors (M,) at instants (M,) and temperatures (M,); None where the temperature did not move, or is unknown."""
+    known = np.isfinite(temperature_c) & np.isfinite(error_arcsec)
+    if known.sum() < MIN_FRAMES:
+        return None
+    parts = np.array_split(np.flatnonzero(known), min(BLOCKS, int(known.sum()) // 5))
+    error = np.array([float(np.mean(error_arcsec[rows])) for rows in parts])
+    temperature = np.array([float(np.mean(temperature_c[rows].astype(np.float64))) for rows in parts])
+    time_s = np.array([float(np.mean((utc_ns[rows] - utc_ns[0]) / 1e9)) for rows in parts])
+    if np.ptp(temperature) < _STEPS * resolution_k or np.ptp(time_s) == 0:
+        return None
+    time = (time_s - time_s.mean()) / np.ptp(time_s)
+    design = np.column_stack([np.ones_like(time), time, temperature - temperature.mean()])
+    inverse = pinv(product(design.T, design))
+    fit = product(inverse, product(design.T, error))
+    left = error - product(design, fit)
+    widening = _widening(left)
+    freedom = max(len(error) / widening - design.shape[1], 1.0)
+    variance = float(product(left, left)) / (len(error) - design.shape[1]) * widening * float(inverse[2, 2])
+    half = float(stdtrit(freedom, 0.975)) * math.sqrt(variance)
+    slope = float(fit[2])
+    return ThermalError(slope, slope - half, slope + half, float(np.ptp(temperature)))
+
+
+def _widening(left: NDArray[np.float64]) -> float:
+    """By how much correlation of first order makes the variance of a slow regressor's coefficient larger."""
+    total = float(product(left, left))
+    share = float(product(left[1:], left[:-1])) / total if total > 0 else 0.0
+    # The residuals of a fit show less correlation than the errors have (Kendall 1954).
+    share = min(max(share + (1 + 4 * share) / len(left), 0.0), 0.9)
+    return (1 + share) / (1 - share)
+
 
 _TURN_ARCSEC = 360 * 3600.0
 _MAX_DE_FOR_RA_DEG = 89.9
@@ -80,7 +168,7 @@ class SubjectStatistics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answers:
+class SubjectAnswers:
     """One subject's answers as columns (M,) in the order of the frame table, whatever their source.
 
     ``timed`` frames have a certain time. ``time_is_stated`` as in SubjectStatistics.
@@ -96,7 +184,7 @@ class Answers:
     arrival_ms: NDArray[np.float64]
     time_is_stated: bool
 
-    def uncompared(self) -> "Answers":
+    def uncompared(self) -> "SubjectAnswers":
         """The same where the convention is not known: there are no errors, and none is called false."""
         nothing = np.zeros(len(self.used), dtype=bool)
         return replace(self, false=nothing, used=nothing)
@@ -105,7 +193,7 @@ class Answers:
 def subject_statistics(
     subject: Subject,
     frames: Columns,
-    answers: Answers,
+    answers: SubjectAnswers,
     frames_lost: int,
     limit_ms: float,
     field_rad: float,
@@ -145,7 +233,7 @@ def subject_statistics(
     )
 
 
-def _true_de_deg(frames: Columns, answers: Answers, used: NDArray[np.int64]) -> NDArray[np.float64]:
+def _true_de_deg(frames: Columns, answers: SubjectAnswers, used: NDArray[np.int64]) -> NDArray[np.float64]:
     """True declination of the used frames (K,); that of the answer where only the sensor answered."""
     true_deg = frames["de_true_deg"][used]
     return np.where(np.isnan(true_deg), answers.columns["de_deg"][used], true_deg)

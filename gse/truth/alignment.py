@@ -11,11 +11,11 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
-from gse.matrices import pinv, product
-from gse.mount import Mount
-from gse.truth.mounting import horizon_to_sensor, mount_of
+from gse.truth.frames import horizon_to_sensor, mount_of
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.matrices import pinv, product
+from gse.values.mount import Mount
 
 _REJECT_SIGMA = 5.0
 _MAD_TO_SIGMA = 1.4826
@@ -82,8 +82,8 @@ def fit_mount(
 ) -> Alignment:
     """The mount from measured rotations (M, 3, 3), horizon frame to sensor frame, at instants (M,).
 
-    ``persistent_arcsec2`` (3, 3) is the covariance of what the stars keep (gse.star_influence): frames do not show it.
-    Frames further than 5 sigma from the median are rejected. UsageError without a frame.
+    ``persistent_arcsec2`` (3, 3) is the covariance of what the stars keep (gse.values.star_influence): frames do not
+    show it. Frames further than 5 sigma from the median are rejected. UsageError without a frame.
     """
     if len(utc_ns) == 0:
         raise UsageError("the mount cannot be fitted: no frame was identified; expected at least one")

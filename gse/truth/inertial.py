@@ -8,13 +8,13 @@ mount is the identity.
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude_convention import from_angles
-from gse.instant import NS_PER_S
-from gse.mount import InertialDirection, Mount
-from gse.site import Site
 from gse.truth.orientation import EarthOrientation
 from gse.truth.refraction import Refraction
 from gse.truth.sidereal import SiderealTruth
+from gse.values.attitude_convention import from_angles
+from gse.values.instant import NS_PER_S
+from gse.values.mount import InertialDirection, Mount
+from gse.values.site import Site
 
 
 class InertialTruth(SiderealTruth):

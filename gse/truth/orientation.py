@@ -12,7 +12,6 @@ from typing import Any, Self
 
 from drivers.outside_text import plain_line
 from gse.errors import TruthError
-from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, to_text
 from gse.truth.iers_tables import (
     C04_FIRST_MJD,
     GivenTables,
@@ -22,6 +21,7 @@ from gse.truth.iers_tables import (
     installed_rows,
     installed_source,
 )
+from gse.values.instant import NS_PER_DAY, UNIX_EPOCH_MJD, to_text
 
 FIRST_MJD = 41_317
 FIRST_NS = (FIRST_MJD - UNIX_EPOCH_MJD) * NS_PER_DAY

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.process.jit import compiled
-from gse.site import Site
+from gse.values.site import Site
 
 WAVELENGTH_UM = 0.6
 """Where a silicon detector sees stars: Gaia's G band, which is one, has its mean at 0.62 um; from 0.5 to 0.7 um the

@@ -13,16 +13,16 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, Attitudes
-from gse.constants import AU_M, DAY_S, EARTH_RATE_RAD_PER_S, LIGHT_M_PER_S
 from gse.errors import UsageError
-from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
-from gse.matrices import length, product
-from gse.mount import Mount
-from gse.site import Site
-from gse.truth.mounting import horizon_to_sensor
+from gse.truth.frames import horizon_to_sensor
 from gse.truth.orientation import EarthOrientation
 from gse.truth.refraction import Refraction
+from gse.values.attitude import Attitude, Attitudes
+from gse.values.constants import AU_M, DAY_S, EARTH_RATE_RAD_PER_S, LIGHT_M_PER_S
+from gse.values.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
+from gse.values.matrices import length, product
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 CORRECTIONS = (
     "precession",

@@ -11,10 +11,10 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.constants import AU_M, DAY_S, LIGHT_M_PER_S
-from gse.instant import NS_PER_DAY, UNIX_EPOCH_JD, to_julian_date
-from gse.matrices import product
-from gse.site import Site
+from gse.values.constants import AU_M, DAY_S, LIGHT_M_PER_S
+from gse.values.instant import NS_PER_DAY, UNIX_EPOCH_JD, to_julian_date
+from gse.values.matrices import product
+from gse.values.site import Site
 
 PLANETS = ("Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus")
 """Those that a star sensor sees."""

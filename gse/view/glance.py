@@ -5,20 +5,181 @@ The thread of the page's server calls ``absorb`` and ``document`` a few times pe
 
 import math
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.clock import ClockReading
-from gse import instant
-from gse.instant import NS_PER_S
 from gse.station.frame_results import FrameResult
 from gse.station.results import Subject
-from gse.view.dawn import NextDawn, is_bright
-from gse.view.focus import focus_of
+from gse.station.sky_condition import SUN_LIMIT_DEG
+from gse.truth import horizon_to_sensor
+from gse.truth.solar_system import sun_altitude_deg
+from gse.values import instant
+from gse.values.instant import NS_PER_S
+from gse.values.matrices import length, product
+from gse.values.mount import Mount
+from gse.values.panorama import Panorama
+from gse.values.site import Site
 from gse.view.glance_word import Facts, Phase, word_of
 from gse.view.live_state import ErrorsSoFar, LiveState
-from gse.view.mount_turn import mount_turn
 from gse.view.verdict_text import clock_health
+
+# Dawn: when the sky of a site becomes too bright for stars.
+
+_STEP_NS = 600 * NS_PER_S
+_STEPS = 144
+_HALVINGS = 10
+
+
+class NextDawn:
+    """The next dawn at a site, looked for anew once the one before is over."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._from_ns, self._dawn_ns = 0, 0
+
+    def minutes(self, utc_ns: int) -> int | None:
+        """Whole minutes from an instant to dawn; None where none comes within a day."""
+        if not self._from_ns <= utc_ns < self._dawn_ns:
+            dawn_ns = next_dawn_ns(self._site, utc_ns)
+            if dawn_ns is None:
+                return None
+            self._from_ns, self._dawn_ns = utc_ns, dawn_ns
+        return (self._dawn_ns - utc_ns) // (60 * NS_PER_S)
+
+
+def next_dawn_ns(site: Site, utc_ns: int) -> int | None:
+    """UTC of the next dawn within a day, good to a second; ``utc_ns`` where it is bright, None in polar night."""
+    if is_bright(site, utc_ns):
+        return utc_ns
+    for step in range(1, _STEPS + 1):
+        if is_bright(site, utc_ns + step * _STEP_NS):
+            return _between(site, utc_ns + (step - 1) * _STEP_NS, utc_ns + step * _STEP_NS)
+    return None
+
+
+def is_bright(site: Site, utc_ns: int) -> bool:
+    """Whether the Sun is too high for stars."""
+    return sun_altitude_deg(site, utc_ns) > SUN_LIMIT_DEG
+
+
+def _between(site: Site, dark_ns: int, bright_ns: int) -> int:
+    for _ in range(_HALVINGS):
+        middle_ns = (dark_ns + bright_ns) // 2
+        dark_ns, bright_ns = (dark_ns, middle_ns) if is_bright(site, middle_ns) else (middle_ns, bright_ns)
+    return bright_ns
+
+
+# Help to focus: how many objects the sensor sees, and how bright they are.
+
+BINS = 12
+"""Of equal steps in magnitude: a sharper image moves its stars to the right."""
+
+
+def focus_of(panorama: Panorama, index_max: int) -> dict[str, Any]:
+    """Objects of a panorama by brightness, 1 to ``index_max`` in BINS equal ratios; the wire has no star widths."""
+    edges = np.geomspace(1.0, index_max, BINS + 1)
+    places = np.clip(np.searchsorted(edges, panorama.brightness, side="right") - 1, 0, BINS - 1)
+    return {
+        "objects": len(panorama.brightness),
+        "histogram": np.bincount(places, minlength=BINS).tolist(),
+        "brightest": round(float(panorama.brightness.max(initial=0.0))),
+        "index_max": index_max,
+        "fwhm_px": None,
+    }
+
+
+# How far a mount must be turned, from where the sensor looks to where the station file says.
+
+NEAR_ZENITH_DEG = 80.0
+"""Higher up a mount is tilted to east and north: there azimuth means little."""
+
+_WINDS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A turn in one direction; ``positive`` and ``negative`` name the directions of its two signs."""
+
+    angle_deg: float
+    positive: str
+    negative: str
+
+    def __str__(self) -> str:
+        return f"{_degrees(self.angle_deg)} {self.positive if self.angle_deg >= 0 else self.negative}"
+
+
+@dataclass(frozen=True, slots=True)
+class MountTurn:
+    """The turn that brings the boresight to the stated direction, seen in the viewing direction of the sensor.
+
+    ``across`` is along the horizon, to the right where positive, and ``up`` at right angles to it; near the zenith they
+    are to the east and to the north. ``roll`` is clockwise where positive.
+    """
+
+    across: Turn
+    up: Turn
+    roll: Turn
+
+    def __str__(self) -> str:
+        return f"{self.across}, {self.up}; then roll {self.roll}"
+
+    def document(self) -> dict[str, float | str]:
+        """Angles, directions of the positive ones and the text, for the glance page."""
+        turns = (("across_deg", self.across), ("up_deg", self.up), ("roll_deg", self.roll))
+        degrees = {name: round(one.angle_deg, 4) for name, one in turns}
+        return {**degrees, "across": self.across.positive, "up": self.up.positive, "text": str(self)}
+
+
+def mount_turn(result: FrameResult, used: Mount, stated: Mount) -> MountTurn | None:
+    """The turn to the ``stated`` mount by a result that was compared with the mount ``used``; None without truth."""
+    if result.attitude_geometric is None or result.attitude_true is None:
+        return None
+    icrs_to_horizon = product(horizon_to_sensor(used).T, result.attitude_true.icrs_to_sensor)
+    measured = product(result.attitude_geometric.icrs_to_sensor, icrs_to_horizon.T)
+    wanted = horizon_to_sensor(stated)
+    here, there = measured[2], wanted[2]
+    across, up, across_names, up_names = _axes(here)
+    angle_deg = math.degrees(math.atan2(length(np.cross(here, there)), float(product(here, there))))
+    x, y = float(product(there, across)), float(product(there, up))
+    scale = angle_deg / math.hypot(x, y) if math.hypot(x, y) else 0.0
+    roll = Turn(_roll_deg(measured, wanted), "clockwise", "counter-clockwise")
+    return MountTurn(Turn(x * scale, *across_names), Turn(y * scale, *up_names), roll)
+
+
+_Direction = NDArray[np.float64]
+_Names = tuple[str, str]
+
+
+def _axes(boresight: _Direction) -> tuple[_Direction, _Direction, _Names, _Names]:
+    """Two directions across a boresight in the horizon frame (x east, y north, z up), and the names of their signs."""
+    east, north, up = boresight.tolist()
+    level = math.hypot(east, north)
+    if math.degrees(math.atan2(up, level)) > NEAR_ZENITH_DEG:
+        northwards = np.array([0.0, 1.0, 0.0]) - north * boresight
+        northwards /= length(northwards)
+        return np.cross(northwards, boresight), northwards, ("east", "west"), ("north", "south")
+    right = np.array([north, -east, 0.0]) / (level or 1.0)
+    wind = round(math.degrees(math.atan2(right[0], right[1])) / 45)
+    names = (f"right (to the {_WINDS[wind % 8]})", f"left (to the {_WINDS[(wind + 4) % 8]})")
+    return right, np.cross(right, boresight), names, ("up", "down")
+
+
+def _roll_deg(measured: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
+    """The turn about the boresight, clockwise for one who looks along it: from columns towards rows."""
+    change = product(wanted, measured.T)
+    return math.degrees(math.atan2(change[0, 1] - change[1, 0], change[0, 0] + change[1, 1]))
+
+
+def _degrees(value: float) -> str:
+    """Three significant digits; arcseconds would be no help to a hand."""
+    size = abs(value)
+    return f"{size:.3f} deg" if size < 1 else f"{size:.2f} deg" if size < 10 else f"{size:.1f} deg"
+
 
 SCHEMA = "gse.glance/1"
 

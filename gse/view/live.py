@@ -17,8 +17,7 @@ from gse.station.frame_results import FrameResults
 from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState, SessionSoFar
-from gse.view.pages import Content
-from gse.view.server import USUAL_PORT, ViewServer
+from gse.view.server import USUAL_PORT, Content, ViewServer
 from gse.view.viewer import check_rerun, open_native_viewer
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.constants import ARCSEC_RAD
-from gse.drawing.palette import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_RAD
+from gse.view.drawing import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.view.series import times
 
 RESIDUAL_SCALE = 100

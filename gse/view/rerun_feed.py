@@ -22,15 +22,15 @@ import rerun as rr
 
 from drivers.chunk import LinkEvent
 from gse.catalog import StarCatalog
-from gse.instant import NS_PER_S
 from gse.station.frame_results import FrameResult, FrameResults
+from gse.values.instant import NS_PER_S
 from gse.view.glance_word import bare_verdict
 from gse.view.live_state import LiveState, SessionSoFar
-from gse.view.ports import free_port
-from gse.view.recent import Piece
+from gse.view.recent import NextPiece
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
 from gse.view.verdict_text import standing, verdict_at_end, verdict_so_far
+from gse.view.viewer import free_port
 
 _LOG = logging.getLogger(__name__)
 
@@ -123,7 +123,7 @@ class RerunFeed:
         """Show the last, incomplete batch at once: the session has ended."""
         self._awake.set()
 
-    def piece_after(self, place: str, *, last: bool = False) -> Piece:
+    def piece_after(self, place: str, *, last: bool = False) -> NextPiece:
         """What a page does not have yet, after the place that its last piece stated (none: empty).
 
         The ``last`` piece has the verdict, unless that does not come within seconds.
@@ -131,7 +131,7 @@ class RerunFeed:
         if last:
             self._concluded.wait(_VERDICT_WITHIN_S)
         with self._lock:
-            return self._scene.piece_after(place) if self._scene else Piece()
+            return self._scene.piece_after(place) if self._scene else NextPiece()
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
         """Show the verdict, as a report prints it, at the end."""

@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
-from gse import instant
 from gse.catalog import StarCatalog
 from gse.config.station import Station
-from gse.instant import NS_PER_S
-from gse.recording.event_kinds import RecorderKind
-from gse.station.event_kinds import StationKind
+from gse.recording.session_format import RecorderKind
+from gse.station.columns import STATUSES
+from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult
-from gse.station.frame_table import STATUSES, FrameTable
+from gse.station.frame_table import FrameTable
 from gse.station.results import Status
+from gse.values import instant
+from gse.values.instant import NS_PER_S
 from gse.view.blueprint import LIVE_WINDOW_S, layout
-from gse.view.event_lines import EventLines
 from gse.view.live_state import (
     LINK_COLOURS,
     LINK_WORDS,
@@ -33,7 +33,7 @@ from gse.view.live_state import (
     SessionSoFar,
 )
 from gse.view.picture import Picture
-from gse.view.recent import Piece, Recent
+from gse.view.recent import EventLines, NextPiece, Recent
 from gse.view.series import (
     OUTAGE_NS,
     begin_series,
@@ -178,7 +178,7 @@ class Scene:
             self._own.add(self._next(), int(errors["utc_ns"][-1]), errors.copy())
         send_own_answers(self._stream, errors)
 
-    def piece_after(self, place: str) -> Piece:
+    def piece_after(self, place: str) -> NextPiece:
         """What came after a place, of the last ten minutes at most: all of it for a place of no such recording.
 
         The layout comes first: a viewer that has data without it lays them out as it likes. Then comes what is read,
@@ -190,7 +190,7 @@ class Scene:
         after = int(number) if recording == own else -1
         until = f"{own}.{self._number}", int(self._latest_ns or 0)
         if after == self._number:
-            return Piece(b"", *until)
+            return NextPiece(b"", *until)
         stream = rr.RecordingStream("gse", recording_id=own, send_properties=False)
         file = stream.binary_stream()
         if after < self._laid_out:
@@ -207,7 +207,7 @@ class Scene:
         if latest := self._latest.after(after):
             self._send_pictures(stream, latest)
         self._send_series_after(stream, after)
-        return Piece(file.read() or b"", *until)
+        return NextPiece(file.read() or b"", *until)
 
     def _send_series_after(self, stream: rr.RecordingStream, after: int) -> None:
         if frames := self._frames.after(after):

@@ -9,8 +9,7 @@ from pathlib import Path
 from rerun.experimental import ViewerClient
 
 from gse.errors import GseError, UsageError
-from gse.view.ports import free_port
-from gse.view.viewer import quiet_environment, rerun_program
+from gse.view.viewer import free_port, quiet_environment, rerun_program
 
 _START_TRIES = 150
 _LOAD_TRIES = 300

@@ -7,11 +7,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from drivers.clock import ClockReading
-from gse.axis import D_DE, D_RA_COSDE, D_ROLL
-from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
-from gse.instant import NS_PER_S
-from gse.limits import Limits
 from gse.station.columns import COLUMNS, Column, unit_of
+from gse.values.axis import D_DE, D_RA_COSDE, D_ROLL
+from gse.values.instant import NS_PER_S
+from gse.values.limits import Limits
+from gse.view.drawing import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 
 TIMELINE = "utc"
 EDGE = 1.4

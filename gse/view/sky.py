@@ -7,14 +7,13 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
-from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.drawing.outline import field_outline_sensor
-from gse.drawing.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
-from gse.instant import NS_PER_S
-from gse.limits import Limits
-from gse.matrices import product
+from gse.values.attitude import Attitude
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S
+from gse.values.limits import Limits
+from gse.values.matrices import product
+from gse.view.drawing import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW, field_outline_sensor
 from gse.view.live_state import ErrorsSoFar
 from gse.view.series import EDGE, times
 

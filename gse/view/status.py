@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +14,54 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from drivers.chunk import LinkEvent
-from gse import instant
-from gse.count_text import count_text
-from gse.station.announcer import Announcer
+from drivers.chunk import LinkEvent, LinkKind
+from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
+from gse.station.session_data import SessionData
+from gse.values import instant
+from gse.values.text import count_text
 from gse.view.live_state import STATE_EVERY_NS, ErrorsSoFar, LiveState, SessionSoFar
 from gse.view.verdict_text import clock_health, percent
+
+# Messages to the operator: the first event of each kind, then a count.
+
+_ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
+"""Routine events: announced once, left out of the repeat counts."""
+
+_EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED", StationKind.FINDING, StationKind.NOTE}
+"""Announced each time, because data may be lost, or because each is another; their makers limit their number."""
+
+
+class Announcer:
+    """A listener of the station loop that prints the first event of each kind, and the number of further ones at the
+    end.
+
+    A link that fails ten thousand times gives two lines.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._seen: Counter[str] = Counter()
+        self._said = ""
+
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
+        """Panoramas are not announced."""
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Print an event if it is the first of its kind, and says more than the one before (LOST, then NO_PORT)."""
+        self._seen[event.kind] += 1
+        is_new, self._said = event.text != self._said, event.text
+        if is_new and (self._seen[event.kind] == 1 or event.kind in _EACH_TIME):
+            when = instant.to_text(event.utc_ns, 1) if event.utc_ns else "before the first byte"
+            self._say(f"{when} {event.kind}: {event.text}")
+
+    def conclude(self) -> None:
+        """Print the number of further events of each kind."""
+        excluded = _ROUTINE | _EACH_TIME
+        more = [f"{kind} {count - 1} x" for kind, count in self._seen.items() if count > 1 and kind not in excluded]
+        if more:
+            self._say(f"repeated events: {', '.join(more)}")
+
 
 _LINK_STYLES = {"streaming": "green", "silent": "bold red", "no port": "bold red", "closed": "dim"}
 _NO_LINK = "no link"
@@ -71,7 +113,7 @@ class StatusLine:
         """The line as it is now, no longer than the terminal is wide: what matters least is left out."""
         return Text.assemble(*((part.text, part.style) for part in self._shown(self._console.width)))
 
-    def _shown(self, room: int) -> list["_Part"]:
+    def _shown(self, room: int) -> list["_LinePart"]:
         """The parts of the line that have room."""
         parts = [part for part in self._parts() if part.text]
         shown = set()
@@ -82,31 +124,31 @@ class StatusLine:
                 room -= cells
         return [part for place, part in enumerate(parts) if place in shown]
 
-    def _parts(self) -> Iterator["_Part"]:
+    def _parts(self) -> Iterator["_LinePart"]:
         so_far = self._state.so_far
         limits = so_far.limits
         word = so_far.link_word
-        yield _Part(f"{instant.to_text(so_far.utc_ns, 0)[11:]} " if so_far.frames else "", 0)
+        yield _LinePart(f"{instant.to_text(so_far.utc_ns, 0)[11:]} " if so_far.frames else "", 0)
         progress = self._progress()
         link = f"link {word}" if word != _NO_LINK else word
-        yield _Part(link, 5 if progress and word == "streaming" else 0, _LINK_STYLES.get(word, ""))
-        yield _Part(f"  {progress}" if progress else "", 1)
-        yield _Part(f"  {count_text(so_far.frames, 'frame')}{_rate(so_far)}", 5)
+        yield _LinePart(link, 5 if progress and word == "streaming" else 0, _LINK_STYLES.get(word, ""))
+        yield _LinePart(f"  {progress}" if progress else "", 1)
+        yield _LinePart(f"  {count_text(so_far.frames, 'frame')}{_rate(so_far)}", 5)
         lost = so_far.link.frames_lost
-        yield _Part(f"  {lost} lost" if lost else "", 2, _BAD)
+        yield _LinePart(f"  {lost} lost" if lost else "", 2, _BAD)
         yield _warned(f"  sky {so_far.sky}" if so_far.sky else "", 4, so_far.sky in ("clouded", "no stars"))
-        yield _Part(f"  {so_far.silence}" if so_far.silence else "", 1, _BAD)
+        yield _LinePart(f"  {so_far.silence}" if so_far.silence else "", 1, _BAD)
         yield _warned(f"  {percent(so_far.identified)} identified", 3, so_far.identified < limits.availability)
         yield _mean("dRA*", so_far.d_ra, limits.d_ra_cosde_arcsec)
         yield _mean("dDE", so_far.d_de, limits.d_de_arcsec)
-        yield _Part(f"  NEA {_nea(so_far.d_ra.nea)}, {_nea(so_far.d_de.nea)} arcsec", 6)
+        yield _LinePart(f"  NEA {_nea(so_far.d_ra.nea)}, {_nea(so_far.d_de.nea)} arcsec", 6)
         yield _clock(so_far)
         yield self._disk()
-        yield _Part(f"  {forecast}" if (forecast := self._state.forecast) else "", 4)
+        yield _LinePart(f"  {forecast}" if (forecast := self._state.forecast) else "", 4)
 
-    def _disk(self) -> "_Part":
+    def _disk(self) -> "_LinePart":
         if self._folder is None:
-            return _Part("", 0)
+            return _LinePart("", 0)
         try:
             free = shutil.disk_usage(self._folder).free
         except OSError as error:
@@ -132,7 +174,7 @@ class StatusLine:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class _LinePart:
     """A part of the line; of a higher rank, it is left out earlier."""
 
     text: str
@@ -140,14 +182,14 @@ class _Part:
     style: str = ""
 
 
-def _warned(text: str, rank: int, is_bad: bool) -> _Part:
-    return _Part(text, 1, _BAD) if is_bad else _Part(text, rank)
+def _warned(text: str, rank: int, is_bad: bool) -> _LinePart:
+    return _LinePart(text, 1, _BAD) if is_bad else _LinePart(text, rank)
 
 
-def _clock(so_far: SessionSoFar) -> _Part:
+def _clock(so_far: SessionSoFar) -> _LinePart:
     clock, stated_s = so_far.clock, so_far.clock_error_s
     if clock is None:
-        return _Part("  clock not read", 7)
+        return _LinePart("  clock not read", 7)
     return _warned(f"  clock {clock_health(clock, stated_s)}", 7, stated_s is None and not clock.synchronised)
 
 
@@ -155,7 +197,7 @@ def _rate(so_far: SessionSoFar) -> str:
     return "" if math.isnan(so_far.frames_per_s) else f" at {so_far.frames_per_s:.1f}/s"
 
 
-def _mean(name: str, errors: ErrorsSoFar, limit_arcsec: float) -> _Part:
+def _mean(name: str, errors: ErrorsSoFar, limit_arcsec: float) -> _LinePart:
     value = f"{errors.mean:+.1f}" if errors.n else "-"
     return _warned(f"  {name} {value}", 2, abs(errors.mean) > limit_arcsec)
 

@@ -3,11 +3,31 @@
 import importlib.metadata
 import importlib.util
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 from gse.errors import GseError, UsageError
+
+# Ports of this machine to serve on.
+
+
+def free_port(bind: str) -> int:
+    """A free TCP port on an IPv4 address of this machine; UsageError for another address.
+
+    rerun only prints an error when its port is taken.
+    """
+    with socket.socket() as probe:
+        try:
+            probe.bind((bind, 0))
+        except OSError as error:
+            raise UsageError(
+                f"cannot serve on {bind}: {error.strerror}; expected an IPv4 address of this machine"
+            ) from error
+        port: int = probe.getsockname()[1]
+        return port
+
 
 _MISSING = (
     "rerun-sdk is not installed, which draws this view; install it with: pip install 'rerun-sdk>=0.41,<0.42'\n"

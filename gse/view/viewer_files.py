@@ -7,8 +7,7 @@ import urllib.request
 from functools import cached_property
 
 from gse.errors import GseError
-from gse.view.ports import free_port
-from gse.view.viewer import quiet_environment, rerun_program
+from gse.view.viewer import free_port, quiet_environment, rerun_program
 
 MEDIA_TYPES = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
 

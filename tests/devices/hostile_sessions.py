@@ -13,7 +13,7 @@ from mcap.records import Channel
 from mcap.records import Chunk as McapChunk
 
 from drivers.session_file.record_scanner import MAGIC
-from drivers.session_file.records import CLOCK, EVENTS, RX, Message, checksum
+from drivers.session_file.records import CLOCK, EVENTS, RX, RecordedMessage, checksum
 from drivers.session_file.writer import CaptureWriter
 from gse.config.station import BUILT_IN_TEXT
 from gse.recording.session_format import TIMING_TOPIC
@@ -111,15 +111,15 @@ def write_times(path: Path) -> Path:
     with CaptureWriter(path) as writer:
         writer.attach("station.yaml", "application/yaml", BUILT_IN_TEXT.encode())
         for (utc_ns, mono_ns), frame in zip(stamps, frames(len(stamps), np.random.default_rng(1)), strict=True):
-            writer.write(Message(RX, utc_ns, mono_ns, frame))
+            writer.write(RecordedMessage(RX, utc_ns, mono_ns, frame))
             event = {"kind": "CLOCK_STEP", "text": "the host's UTC clock stepped by +9999999999999999999.0 s"}
-            writer.write(Message(EVENTS, utc_ns, mono_ns, json.dumps(event).encode()))
+            writer.write(RecordedMessage(EVENTS, utc_ns, mono_ns, json.dumps(event).encode()))
             for value in (10**400, -(10**30), last):
                 reading = {"utc_ns": value, "mono_ns": value, "source": "x", "synchronised": True}
                 bad = {**reading, "offset_s": 1e308, "error_bound_s": float("inf")}
-                writer.write(Message(CLOCK, utc_ns, mono_ns, json.dumps(bad).encode()))
+                writer.write(RecordedMessage(CLOCK, utc_ns, mono_ns, json.dumps(bad).encode()))
                 timing = {"time_us": value, "elapsed_us": float("nan")}
-                writer.write(Message(TIMING_TOPIC, utc_ns, mono_ns, json.dumps(timing).encode()))
+                writer.write(RecordedMessage(TIMING_TOPIC, utc_ns, mono_ns, json.dumps(timing).encode()))
     return path
 
 
@@ -135,10 +135,10 @@ def write_steering(path: Path) -> Path:
         writer.attach("station.yaml", "application/yaml", BUILT_IN_TEXT.encode())
         writer.attach("\x1b[2J.txt", "text/\x1b[2J", b"\x1b[2J")
         for document in events:
-            writer.write(Message(EVENTS, START_NS, 1, json.dumps(document).encode()))
-        writer.write(Message(CLOCK, START_NS, 1, json.dumps({**clock, "error_bound_s": 0.1}).encode()))
+            writer.write(RecordedMessage(EVENTS, START_NS, 1, json.dumps(document).encode()))
+        writer.write(RecordedMessage(CLOCK, START_NS, 1, json.dumps({**clock, "error_bound_s": 0.1}).encode()))
         for number, frame in enumerate(frames(20, np.random.default_rng(2), sequences=True)):
-            writer.write(Message(RX, START_NS + 100_000_000 * number, 100_000_000 * number, frame))
+            writer.write(RecordedMessage(RX, START_NS + 100_000_000 * number, 100_000_000 * number, frame))
     return path
 
 
@@ -148,7 +148,7 @@ def write_flood(path: Path, count: int = 30_000) -> Path:
         writer.attach("station.yaml", "application/yaml", BUILT_IN_TEXT.encode())
         for number in range(count):
             event = {"kind": f"K{number % 5000}", "text": f"the {number}th"}
-            writer.put(Message(EVENTS, START_NS + number, number, json.dumps(event).encode()))
+            writer.put(RecordedMessage(EVENTS, START_NS + number, number, json.dumps(event).encode()))
         writer.flush()
     return path
 
@@ -157,5 +157,5 @@ def write_station(path: Path, text: str) -> Path:
     """A session with this station file and nothing else."""
     with CaptureWriter(path) as writer:
         writer.attach("station.yaml", "application/yaml", text.encode())
-        writer.write(Message(RX, START_NS, 1, frames(1, np.random.default_rng(3))[0]))
+        writer.write(RecordedMessage(RX, START_NS, 1, frames(1, np.random.default_rng(3))[0]))
     return path

@@ -11,10 +11,10 @@ from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.config.station import parse_station
 from gse.identifier import Answers, Identification, Identifier, ObjectColumns, Unidentified
-from gse.instant import NS_PER_S, from_text
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
+from gse.values.instant import NS_PER_S, from_text
 from protocols import AttitudeMessage, PanoramaMessage
 
 TEXT = (

@@ -11,7 +11,7 @@ from devices.patience import PATIENCE_S
 from devices.terminal import Terminal
 
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import EVENTS, Message
+from drivers.session_file.records import EVENTS, RecordedMessage
 from drivers.session_file.verification import verify
 
 
@@ -62,7 +62,9 @@ class LiveSession:
     def events(self) -> dict[str, str]:
         """The recorded events: the last text of each kind."""
         records = read_capture(self.folder / "session.mcap")
-        events = [record.event() for record in records if isinstance(record, Message) and record.topic == EVENTS]
+        events = [
+            record.event() for record in records if isinstance(record, RecordedMessage) and record.topic == EVENTS
+        ]
         return {event.kind: event.text for event in events}
 
     def is_closed_judged_and_reported(self) -> bool:

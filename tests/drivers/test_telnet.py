@@ -6,7 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.telnet import DO, IAC, LONGEST_SUBOPTION, SB, SE, WILL, Command, Data, Option, Suboption, TelnetParser
+from drivers.urlhandlers.network_ports import (
+    DO,
+    IAC,
+    LONGEST_SUBOPTION,
+    SB,
+    SE,
+    WILL,
+    Command,
+    Data,
+    Option,
+    Suboption,
+    TelnetParser,
+)
 
 PARTS = st.one_of(
     st.binary(max_size=20).map(Data),

@@ -12,8 +12,10 @@ import pytest
 
 import gse
 from gse.errors import UsageError
-from gse.tables import frames_schema, sessions_schema, stars_schema
-from gse.tables.parquet import write_parquet
+from gse.report.frames_table import frames_schema
+from gse.report.parquet import write_parquet
+from gse.report.sessions_table import sessions_schema
+from gse.report.stars_table import stars_schema
 
 ROOT = Path(__file__).parents[2]
 

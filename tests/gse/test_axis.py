@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
-from gse.axis import ALL_AXES, AXES, D_RA_COSDE, D_ROLL, OF_SENSOR
-from gse.limits import Limits
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
 from gse.station.results import AttitudeError
 from gse.statistics.metrics import metrics
 from gse.statistics.session_statistics import statistics
+from gse.values.axis import ALL_AXES, AXES, D_RA_COSDE, D_ROLL, OF_SENSOR
+from gse.values.limits import Limits
 
 
 def test_an_attitude_error_has_the_axes_in_their_order():

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from gse import matrices
+from gse.values import matrices
 
 GSE = Path(matrices.__file__).parent
 ALLOWED = {
@@ -90,7 +90,7 @@ def test_nothing_but_these_functions_adds_up_in_an_order_of_the_processors() -> 
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if _goes_to_blas(node)
     ]
-    assert not found, f"take gse.matrices instead of BLAS in {found}"
+    assert not found, f"take gse.values.matrices instead of BLAS in {found}"
 
 
 def _goes_to_blas(node: ast.AST) -> bool:

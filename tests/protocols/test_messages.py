@@ -30,7 +30,7 @@ from protocols import (
     load_protocol,
     parse_protocol,
 )
-from protocols.conversion import LARGEST_TIME_US
+from protocols.codec import LARGEST_TIME_US
 
 PIXEL = load_protocol("panorama-v1")
 SUBPIXEL = load_protocol("panorama-v1-subpixel")

@@ -4,14 +4,14 @@ import functools
 
 import numpy as np
 
-from gse.attitude import solve_attitude
-from gse.diagnosis.raw_attitudes import RawAttitudes
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
+from gse.diagnosis.gross_causes import RawAttitudes
 from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_sensor import mounted
-from gse.site import Site
+from gse.selfcheck.made_session import mounted
 from gse.truth import EarthOrientation
+from gse.values.attitude import solve_attitude
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 START_NS = from_text("2026-03-20T15:00:00Z")
 TABLE = EarthOrientation.from_disk(START_NS)

@@ -2,12 +2,20 @@
 
 import numpy as np
 
-from gse.instant import from_text
-from gse.panorama import Panorama
 from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_sensor import MadeSensor, mounted
-from gse.selfcheck.made_session import ALTITUDE_DEG, AZIMUTH_DEG, FOCAL_LENGTH_PX, ROLL_DEG, SITE, SIZE_PX
+from gse.selfcheck.made_session import (
+    ALTITUDE_DEG,
+    AZIMUTH_DEG,
+    FOCAL_LENGTH_PX,
+    ROLL_DEG,
+    SITE,
+    SIZE_PX,
+    MadeSensor,
+    mounted,
+)
 from gse.selfcheck.made_session import STATION_TEXT as SUB_PIXEL_TEXT
+from gse.values.instant import from_text
+from gse.values.panorama import Panorama
 
 START_NS = from_text("2026-03-20T11:00:00Z")
 STATION_TEXT = SUB_PIXEL_TEXT.replace("protocol: panorama-v1-subpixel\n", "")

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gse.attitude import Attitude
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.values.attitude import Attitude
 
 ARCSEC = math.pi / (180 * 3600)
 DE_DEG, ROLL_DEG = -6.5, 0.0

@@ -6,15 +6,15 @@ import numpy as np
 from skies.one_by_one import Made, Stars, results_of
 
 from drivers.clock import ClockReading
-from gse.attitude import angles_deg
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier import Identification
-from gse.instant import NS_PER_S, from_text
-from gse.panorama import Panorama
 from gse.station.frame_results import ERRORS
 from gse.station.results import AnswerCheck, AttitudeError, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.attitude import angles_deg
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.panorama import Panorama
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 STATION = parse_station(BUILT_IN_TEXT)

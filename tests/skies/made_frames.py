@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, merge_doubles
-from gse.panorama import MAX_OBJECTS
+from gse.values.camera import Camera
+from gse.values.panorama import MAX_OBJECTS
 
 ARCSEC = np.pi / 648000
 FIELD_14_DEG = Camera(1024, 1024, 512 / np.tan(np.radians(7)), (511.5, 511.5))

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from drivers.mock.urls import sim_url
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import from_text
 from gse.simulator.recording import record_simulation
 from gse.truth import EarthOrientation
+from gse.values.instant import from_text
 
 FRAMES = 40
 

@@ -9,19 +9,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gse.camera import Camera
 from gse.catalog import load_catalog
-from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
 from gse.diagnosis.error_series import error_series
 from gse.diagnosis.field_patterns import field_of_errors
 from gse.diagnosis.fine_findings import Setting, fine_findings
 from gse.diagnosis.session_model import SessionModel
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
-from gse.site import Site
-from gse.star_influence import attitude_operators, boresight_shifts
-from gse.station.frame_table import FRAME, MATCH
+from gse.station.columns import FRAME
+from gse.station.frame_table import MATCH
 from gse.truth import EarthOrientation, Refraction, SiderealTruth, horizon_to_sensor
+from gse.values.camera import Camera
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.site import Site
+from gse.values.star_influence import attitude_operators, boresight_shifts
 
 START_NS = from_text("2026-03-20T15:00:00Z")
 TABLE = EarthOrientation.from_disk(START_NS)

@@ -8,15 +8,15 @@ from skies.one_by_one import Made, Stars, add_frames
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from gse.attitude import Attitude
 from gse.catalog import StarCatalog, load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier import Identification
-from gse.instant import NS_PER_S, from_text
-from gse.panorama import Panorama
 from gse.station.results import AnswerCheck, AttitudeError, LinkCounters, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor
+from gse.values.attitude import Attitude
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.panorama import Panorama
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 ARCSEC = math.pi / (180 * 3600)

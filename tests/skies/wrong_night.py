@@ -18,14 +18,14 @@ from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.catalog import load_catalog
 from gse.config.station import parse_station
-from gse.constants import ARCSEC_RAD
-from gse.instant import NS_PER_S, from_text
 from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_sensor import MadeSensor, mounted
-from gse.site import Site
+from gse.selfcheck.made_session import MadeSensor, mounted
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
+from gse.values.constants import ARCSEC_RAD
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.site import Site
 from protocols import PanoramaMessage
 
 _NODE_S = 100

@@ -14,7 +14,7 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.session_file.compaction import compact
 from drivers.session_file.reader import Capture, read_capture, segment_path
-from drivers.session_file.records import EVENTS, RX, TX, Attachment, Damage, Message
+from drivers.session_file.records import EVENTS, RX, TX, Attachment, Damage, RecordedMessage
 from drivers.session_file.writer import CaptureWriter
 
 MESSAGES = 6
@@ -29,7 +29,7 @@ def write_session(path: Path, count: int = MESSAGES) -> list[bytes]:
     return data
 
 
-def whole(path: Path) -> tuple[list[Message | Attachment], Capture]:
+def whole(path: Path) -> tuple[list[RecordedMessage | Attachment], Capture]:
     capture = read_capture(path)
     return [record for record in capture if not isinstance(record, Damage)], capture
 
@@ -45,12 +45,12 @@ def test_everything_written_is_read_back_with_both_clocks(tmp_path: Path) -> Non
     records, capture = whole(path)
     assert records == [
         Attachment("protocol.yaml", "application/yaml", b"x"),
-        Message(RX, 1_700_000_000_123_456_789, 42, b"\x00\xff"),
-        Message(TX, 1_700_000_000_123_456_790, 43, b"go"),
-        Message(EVENTS, 5, 6, json.dumps({"kind": "LOST", "text": "süd"}, ensure_ascii=False).encode()),
-        Message("/gse/frame", 9, 0, b"{}"),
+        RecordedMessage(RX, 1_700_000_000_123_456_789, 42, b"\x00\xff"),
+        RecordedMessage(TX, 1_700_000_000_123_456_790, 43, b"go"),
+        RecordedMessage(EVENTS, 5, 6, json.dumps({"kind": "LOST", "text": "süd"}, ensure_ascii=False).encode()),
+        RecordedMessage("/gse/frame", 9, 0, b"{}"),
     ]
-    assert isinstance(records[3], Message)
+    assert isinstance(records[3], RecordedMessage)
     assert records[3].event() == LinkEvent(5, 6, "LOST", "süd")
     assert not capture.truncated
     assert capture.damage_count == 0
@@ -73,7 +73,7 @@ def test_a_session_that_is_still_written_can_be_read(tmp_path: Path) -> None:
     writer = CaptureWriter(tmp_path / "session.mcap")
     writer.rx(Chunk(1, 2, b"abc"))
     records, capture = whole(tmp_path / "session.mcap")
-    assert records == [Message(RX, 1, 2, b"abc")]
+    assert records == [RecordedMessage(RX, 1, 2, b"abc")]
     assert capture.truncated
     writer.close()
 
@@ -90,7 +90,7 @@ def test_a_session_cut_at_any_byte_gives_its_whole_records_and_nothing_else(tmp_
         except CaptureError:
             assert size < 60  # the file does not yet say whose it is
             continue
-        received = [record.data for record in records if isinstance(record, Message)]
+        received = [record.data for record in records if isinstance(record, RecordedMessage)]
         assert received == data[: len(received)]
         assert capture.truncated
         given.append(len(received))
@@ -120,7 +120,7 @@ def test_a_channel_record_that_is_damaged_costs_no_message(tmp_path: Path) -> No
     content = path.read_bytes()
     path.write_bytes(content.replace(b"/serial/rx", b"/serial/ry", 1))
     records, _ = whole(path)
-    assert [record.data for record in records if isinstance(record, Message)] == data
+    assert [record.data for record in records if isinstance(record, RecordedMessage)] == data
 
 
 def test_a_hole_in_the_file_costs_what_stood_in_it(tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_a_hole_in_the_file_costs_what_stood_in_it(tmp_path: Path) -> None:
     content[start:end] = bytes(end - start)
     path.write_bytes(content)
     records, capture = whole(path)
-    received = [record.data for record in records if isinstance(record, Message)]
+    received = [record.data for record in records if isinstance(record, RecordedMessage)]
     assert received == data[:90] + data[111:]  # the head of 110 was in the hole
     assert capture.damage_count == 1
     assert not capture.truncated
@@ -164,7 +164,7 @@ def test_clocks_beyond_what_the_file_can_say_are_stored_at_its_ends(tmp_path: Pa
     with CaptureWriter(tmp_path / "session.mcap") as writer:
         writer.rx(Chunk(2**70, -1, b"x"))
     [record] = read_capture(tmp_path / "session.mcap")
-    assert record == Message(RX, 2**64 - 1, 0, b"x")
+    assert record == RecordedMessage(RX, 2**64 - 1, 0, b"x")
 
 
 def test_a_missing_session_is_told_in_words(tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_a_folder_with_a_report_only_is_told_from_a_missing_session(tmp_path: Pa
 
 def test_a_folder_stands_for_the_session_in_it(tmp_path: Path) -> None:
     data = write_session(tmp_path / "session.mcap")
-    assert [record.data for record in whole(tmp_path)[0] if isinstance(record, Message)] == data
+    assert [record.data for record in whole(tmp_path)[0] if isinstance(record, RecordedMessage)] == data
 
 
 def test_segments_are_read_as_one_session_and_a_missing_one_is_named(tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_a_missing_successor_is_named_whatever_topics_are_wanted_and_none_wanted
     assert compact(closed)
     for path, only in itertools.product((first, closed), ((), (RX,), (EVENTS,), None)):
         capture = read_capture(path, only=only)
-        topics = [record.topic for record in capture if isinstance(record, Message)]
+        topics = [record.topic for record in capture if isinstance(record, RecordedMessage)]
         assert topics == ([RX] if only is None or RX in only else [])
         assert capture.missing == [f"what follows {path.name}"]
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from skies.drifting_stars import drifting_stars
 
-from gse.campaign import leverage
-from gse.campaign.atlas import Residuals, session_atlas, sigmas_of
-from gse.campaign.leverage import left_out
+from gse.campaign import atlas
+from gse.campaign.atlas import AtlasResiduals, left_out, session_atlas, sigmas_of
 from gse.campaign.star_places import SIGMAS, named_stars, star_offsets, to_sky
 from gse.catalog import load_catalog
 
@@ -17,7 +16,7 @@ PHASE_PX = 0.05
 def found_in(**options):
     """The atlas of a drifting field, significance of its pixel phases, and its stars."""
     made = drifting_stars(8.0, step_s=4.0, start_deg=80.0, **options)
-    of = Residuals(
+    of = AtlasResiduals(
         made.residual, made.xy_px, made.phase_px, made.field_deg, made.star, made.frame, made.size_px, made.pixel_arcsec
     )
     freed, useful = of.without_own_share()
@@ -84,6 +83,6 @@ def test_stars_are_freed_of_their_own_share_in_parts_as_all_together(monkeypatch
     stars = rng.normal(0, 5, (len(frame), 2)), rng.uniform(-6, 6, (len(frame), 2)), frame
     together = left_out(*stars)
     for most in (1, 10, 31):
-        monkeypatch.setattr(leverage, "_ROWS_AT_ONCE", most)
+        monkeypatch.setattr(atlas, "_ROWS_AT_ONCE", most)
         for one, other in zip(left_out(*stars), together, strict=True):
             np.testing.assert_array_equal(one, other)

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gse.assessment.requirements import AVAILABILITY
 from gse.campaign.decision import ONE_NIGHT, campaign_rows, campaign_share, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.nights import COLUMNS, Session, _reasons, by_night, without_copies
 from gse.campaign.page import with_digits_of
 from gse.campaign.trends import trend
+from gse.report.sessions_table import sessions_schema
 from gse.station.exclusions import Cause
 from gse.station.results import Verdict
 from gse.statistics.decision import Outcome
-from gse.tables import sessions_schema
+from gse.verdict.requirements import AVAILABILITY
 
 
 def night(number, value, *, limit=60.0, truth=0.0, count=990, of=1000, left_out="", name="mean |dDE|", unit="arcsec"):

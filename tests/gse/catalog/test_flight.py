@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from devices.command_line import runner
 
-from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.catalog.flight import write_list, write_table
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import CatalogError
 from gse.identifier.tables import field_diameter_rad, listed_neighbours, listed_pairs, pair_table
+from gse.values.camera import Camera
 
 CAMERA = Camera(1024, 1024, 4169.951, (511.5, 511.5))
 

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skies.made_frames import FIELD_14_DEG
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, merge_doubles, mission_catalog, stars_for_field
-from gse.spiral import spiral_directions
+from gse.values.camera import Camera
+from gse.values.spiral import spiral_directions
 
 ROOFTOP = Camera(768, 1024, 5113.75, (511.5, 383.5), (-0.0011, 0.0))
 WIDE = Camera(1024, 1024, 1073.0, (511.5, 511.5))

@@ -7,7 +7,7 @@ from astropy.time import Time
 from skyfield.named_stars import named_star_dict
 
 from gse.catalog import StarCatalog, load_catalog
-from gse.catalog.names import star_name
+from gse.catalog.stars import star_name
 
 OLDER_THAN_THE_IAU_LIST = {"Algenib", "Gienah", "Markab"}
 """Names that skyfield gives to other stars than the IAU does (alpha Per, epsilon Cyg, kappa Vel)."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gse.catalog import load_catalog
-from gse.constants import ARCSEC_PER_RAD
+from gse.values.constants import ARCSEC_PER_RAD
 
 
 @pytest.fixture(scope="module")

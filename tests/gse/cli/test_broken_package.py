@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gse.broken_package import broken_package
+from gse.process.broken_package import broken_package
 
 ROOT = Path(__file__).parents[3]
 NIGHT_SKY = ROOT / "replays/night-sky"
@@ -90,7 +90,7 @@ def test_a_source_tree_without_its_packages_says_which_is_missing(tmp_path: Path
 
 def test_an_error_of_our_own_is_no_package_s() -> None:
     with pytest.raises(ImportError) as of_ours:
-        from gse.instant import no_such_name  # type: ignore[attr-defined]  # noqa: F401
+        from gse.values.instant import no_such_name  # type: ignore[attr-defined]  # noqa: F401
     with pytest.raises(ValueError, match="first") as of_a_function:
         raise ValueError("first")
     assert broken_package(of_ours.value) is None

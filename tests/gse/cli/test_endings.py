@@ -101,7 +101,7 @@ def test_a_detached_session_outlives_its_terminal_and_is_asked_and_ended_from_el
 LOGGING = """
 import os, sys
 from pathlib import Path
-from gse.cli.detach import Detachment
+from gse.cli.run import Detachment
 detachment = Detachment(os.pipe()[1])
 detachment.into(Path(sys.argv[1]))
 for number in range(50):

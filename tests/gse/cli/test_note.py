@@ -10,8 +10,7 @@ from click.testing import CliRunner
 from gse.cli.note import command
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
-from gse.sessions.note_files import collect_notes, leave_note
-from gse.sessions.status_file import StatusFile, read_status
+from gse.sessions.status_file import StatusFile, collect_notes, leave_note, read_status
 from gse.station.notes import Notes
 from gse.view.live_state import LiveState
 

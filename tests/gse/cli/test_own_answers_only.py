@@ -7,7 +7,7 @@ import pytest
 
 from drivers.clock import ClockReading
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import RX, Message
+from drivers.session_file.records import RX, RecordedMessage
 from gse.sessions.replay import replay_session
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
@@ -38,7 +38,7 @@ def test_its_answers_are_no_panoramas_and_are_expected_of_nothing(gse, session, 
 
 
 def test_its_convention_is_found_in_a_raw_capture_too(gse, session, tmp_path):
-    records = (record for record in read_capture(session) if isinstance(record, Message) and record.topic == RX)
+    records = (record for record in read_capture(session) if isinstance(record, RecordedMessage) and record.topic == RX)
     (tmp_path / "raw.bin").write_bytes(b"".join(record.data for record in records))
     station = tmp_path / "station.yaml"
     station.write_text(gse("config", "show").out.replace("protocol: panorama-v1", "protocol: attitude-quaternion"))

@@ -18,7 +18,7 @@ from gse.cli.ports import command as ports
 from gse.cli.preflight import command as preflight
 from gse.config.station import BUILT_IN_TEXT
 from gse.inspection.preflight import _tightest
-from gse.limits import Limits
+from gse.values.limits import Limits
 from protocols import StatusMessage, load_protocol
 
 NIGHT = "2026-03-20T15:00:00Z"

@@ -15,7 +15,7 @@ import pytest
 from devices.command_line import Gse
 
 from gse.cli import cli, main
-from gse.cli.durations import duration_option
+from gse.cli.options import duration_option
 from gse.errors import GseError
 
 ANY = click.Option(["--duration"])

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gse.cli.progress import ReplayedShare, _bytes_of
-from gse.cli.progress_bar import ProgressBar, time_left
+from gse.cli.progress import ProgressBar, ReplayedShare, _bytes_of, time_left
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from devices.command_line import Gse
 
 from drivers.chunk import Chunk
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import RX, Attachment, Message
+from drivers.session_file.records import RX, Attachment, RecordedMessage
 from drivers.session_file.writer import CaptureWriter
 from gse.config.station import BUILT_IN_TEXT
 
@@ -115,10 +115,10 @@ def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
         for record in read_capture(session / "session.mcap"):
             if isinstance(record, Attachment):
                 writer.attach(record.name, record.media_type, record.data)
-            elif isinstance(record, Message) and record.topic == RX:
+            elif isinstance(record, RecordedMessage) and record.topic == RX:
                 for byte in record.data:
                     writer.rx(Chunk(record.utc_ns, record.mono_ns, bytes([byte])))
-            elif isinstance(record, Message):
+            elif isinstance(record, RecordedMessage):
                 writer.write(record)
     assert gse("replay", tmp_path / "cut.mcap", "--out", tmp_path / "out").code == 0
     again = only_folder(tmp_path / "out")
@@ -129,7 +129,7 @@ def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
 def test_a_session_without_its_station_file_neither_passes_nor_fails(gse: Gse, session: Path, tmp_path: Path) -> None:
     with CaptureWriter(tmp_path / "bare.mcap") as writer:
         for record in read_capture(session / "session.mcap"):
-            if isinstance(record, Message):
+            if isinstance(record, RecordedMessage):
                 writer.write(record)
     done = gse("replay", tmp_path / "bare.mcap", "--out", tmp_path / "out")
     lines = done.out.splitlines()
@@ -162,7 +162,7 @@ def test_a_raw_capture_takes_its_time_from_the_sensor_and_the_start_given(
     gse: Gse, session: Path, tmp_path: Path
 ) -> None:
     raw = tmp_path / "raw.bin"
-    rx = [record for record in read_capture(session / "session.mcap") if isinstance(record, Message)]
+    rx = [record for record in read_capture(session / "session.mcap") if isinstance(record, RecordedMessage)]
     raw.write_bytes(b"".join(record.data for record in rx if record.topic == RX))
     with (session / "frames.csv").open(encoding="utf-8") as table:
         start = next(csv.DictReader(table))["utc"]

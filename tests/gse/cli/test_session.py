@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import RX, Message
+from drivers.session_file.records import RX, RecordedMessage
 from drivers.session_file.writer import CaptureWriter
 from gse.cli.session import command
 from gse.config.station import BUILT_IN_TEXT
@@ -54,7 +54,7 @@ def run(*arguments: object) -> Result:
 
 
 def rx_bytes(path: Path) -> bytes:
-    return b"".join(r.data for r in read_capture(path) if isinstance(r, Message) and r.topic == RX)
+    return b"".join(r.data for r in read_capture(path) if isinstance(r, RecordedMessage) and r.topic == RX)
 
 
 def test_info_says_what_stands_in_a_session(session: Path) -> None:

@@ -22,7 +22,7 @@ BEFORE_THE_FIRST_FRAME = (
     "gse.cli.live_outputs",
     "gse.sessions.live",
     "gse.sessions.forecast",
-    "gse.diagnosis.live_diagnosis",
+    "gse.diagnosis.diagnosis",
     "gse.station.setup",
     "gse.view.status",
 )

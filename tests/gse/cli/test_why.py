@@ -8,9 +8,9 @@ import pytest
 
 from drivers.chunk import LinkEvent
 from gse.config.edit import with_values
-from gse.diagnosis.live_diagnosis import LiveDiagnosis
+from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.sessions.replay import replay_session
-from gse.station.event_kinds import FindingEvent
+from gse.station.events import FindingEvent
 
 SCENARIO = """\
 text: The latitude lacks its minus, and the clock is right.

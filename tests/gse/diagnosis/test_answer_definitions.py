@@ -9,14 +9,13 @@ from skies.own_answers import by_stars, with_answers, without_error
 from skies.wrong_night import Plan, World, session, station_text
 
 from gse.config.station import parse_station
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
-from gse.diagnosis.answer_definitions import by_each_idea
-from gse.diagnosis.sensor_findings import sensor_findings
-from gse.instant import from_text
-from gse.mount import InertialDirection, Mount
-from gse.site import Site
+from gse.diagnosis.sensor_findings import by_each_idea, sensor_findings
 from gse.station.own_answers import SensorAnswers, sensor_answers
 from gse.station.setup import set_up
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.instant import from_text
+from gse.values.mount import InertialDirection, Mount
+from gse.values.site import Site
 
 SITE = Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0, pressure_hpa=955.0, temperature_c=8.0)
 ARCTIC = Site(latitude_deg=71.3, longitude_deg=-179.4, height_m=10.0, pressure_hpa=1012.0, temperature_c=-20.0)

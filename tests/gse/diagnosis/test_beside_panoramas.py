@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
-from gse.diagnosis.beside_panoramas import (
+from gse.diagnosis.sensor_findings import (
     Explained,
     _angle,
     _are_whole,
@@ -26,7 +26,7 @@ from gse.diagnosis.beside_panoramas import (
 )
 from gse.station.own_answers import SensorAnswers
 from gse.statistics.onboard_equivalence import OnboardEquivalence
-from gse.statistics.percentiles import percentiles
+from gse.statistics.sampling import percentiles
 
 COUNT = 60
 NONE = percentiles(np.zeros(0))

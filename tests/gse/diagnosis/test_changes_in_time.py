@@ -11,11 +11,10 @@ import scipy.stats
 from scipy.optimize import brentq
 from skies.star_errors import SETTINGS
 
-from gse.diagnosis.changes_in_time import _step, _wave, sinusoids, steps
-from gse.diagnosis.competing_models import Columns, fitted
+from gse.diagnosis.competing_models import Predictions, fitted
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS
-from gse.diagnosis.fine_causes import _is_rest, _refined, fine_causes, together, told
+from gse.diagnosis.fine_causes import _is_rest, _refined, _step, _wave, fine_causes, sinusoids, steps, together, told
 from gse.diagnosis.fine_hypotheses import constant_causes
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import pole
@@ -30,7 +29,7 @@ def model_of(errors, frame_s=1.0):
 
 def tried(search, model):
     observed = model.observed()
-    nothing = Columns(np.zeros((3, 0)), np.zeros((*observed.cosines.shape, 0)), np.zeros((len(PARAMETERS), 0)))
+    nothing = Predictions(np.zeros((3, 0)), np.zeros((*observed.cosines.shape, 0)), np.zeros((len(PARAMETERS), 0)))
     return list(search(model, observed, fitted(observed, nothing), nothing))
 
 

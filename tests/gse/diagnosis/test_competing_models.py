@@ -7,15 +7,23 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from gse.diagnosis.competing_models import PENALTY, Columns, Observed, _shapes, by_its_noise, fitted, white_precision
+from gse.diagnosis.competing_models import (
+    PENALTY,
+    Observed,
+    Predictions,
+    _shapes,
+    by_its_noise,
+    fitted,
+    white_precision,
+)
 from gse.diagnosis.fine_causes import _without_idle
-from gse.diagnosis.fine_hypotheses import Hypothesis
+from gse.diagnosis.fine_hypotheses import FineHypothesis
 from gse.statistics.autocorrelation import exponential_spectrum
 
 K = 40
 NOISE = np.random.default_rng(1).normal(size=(K, 3))
 SLOW = NOISE * np.sqrt(exponential_spectrum(3.0, np.arange(K + 1))[1:, None] * 1e4 + 1)
-NOTHING = Columns(np.zeros((3, 0)), np.zeros((K, 3, 0)), np.zeros((2, 0)))
+NOTHING = Predictions(np.zeros((3, 0)), np.zeros((K, 3, 0)), np.zeros((2, 0)))
 SURE = np.diag([1e4, 4e4, 9e4])
 """Of what stars keep: so much that the noise of the mean is nothing beside it."""
 NORMAL = np.array([[400.0, 30.0], [30.0, 25.0]])
@@ -88,7 +96,7 @@ def test_half_of_the_belief_is_in_white_noise_and_the_rest_is_shared_evenly():
 
 def test_one_column_in_white_noise_is_fitted_as_least_squares_do():
     rng = np.random.default_rng(2)
-    column = Columns(np.zeros((3, 1)), rng.normal(size=(K, 3, 1)), np.zeros((2, 1)))
+    column = Predictions(np.zeros((3, 1)), rng.normal(size=(K, 3, 1)), np.zeros((2, 1)))
     cosines = NOISE + 2.5 * column.cosines[:, :, 0]
     found = fitted(observed(cosines=cosines), column)
     design = column.cosines.reshape(-1)
@@ -100,7 +108,7 @@ def test_one_column_in_white_noise_is_fitted_as_least_squares_do():
 @pytest.mark.parametrize("mean", [200.0, 900.0])
 def test_a_column_that_the_mean_and_the_course_see_differently_is_fitted_where_both_together_are_likeliest(mean):
     of_course = np.random.default_rng(5).normal(scale=0.1, size=(K, 3, 1))
-    column = Columns(np.array([[100.0], [0.0], [0.0]]), of_course, np.zeros((2, 1)))
+    column = Predictions(np.array([[100.0], [0.0], [0.0]]), of_course, np.zeros((2, 1)))
 
     def left(size):
         return twice_log(mean=(mean - 100 * size, 0.0, 0.0), cosines=NOISE - size * of_course[:, :, 0])
@@ -111,7 +119,7 @@ def test_a_column_that_the_mean_and_the_course_see_differently_is_fitted_where_b
 
 
 def test_a_parameter_of_the_field_alone_is_what_the_stars_say():
-    column = Columns(np.zeros((3, 2)), np.zeros((K, 3, 2)), np.eye(2))
+    column = Predictions(np.zeros((3, 2)), np.zeros((K, 3, 2)), np.eye(2))
     found = fitted(observed(parameters=(0.7, -2.0), freedom=1e6), column)
     assert found.coefficients == pytest.approx([0.7, -2.0], rel=1e-6)
     assert found.covariance == pytest.approx(np.linalg.inv(NORMAL), rel=1e-3)
@@ -135,7 +143,7 @@ def test_an_earlier_cause_is_dropped_where_a_later_one_explains_what_it_did(also
     second, own = (rng.normal(size=(K, 3, 1)) for _ in range(2))
 
     def cause(cosines):
-        return Hypothesis("cause", "kind", Columns(np.zeros((3, 1)), cosines, np.zeros((2, 1))))
+        return FineHypothesis("cause", "kind", Predictions(np.zeros((3, 1)), cosines, np.zeros((2, 1))))
 
     first, later = cause(0.9 * second + 0.3 * own), cause(second)
     seen = observed(cosines=NOISE + 4 * second[:, :, 0] + also * own[:, :, 0])
@@ -168,7 +176,7 @@ def test_the_mean_of_frames_scatters_by_their_spectrum_at_zero_over_their_number
 
 
 def test_weights_are_the_inverse_of_the_spectrum_that_noise_shows():
-    column = Columns(np.zeros((3, 1)), np.random.default_rng(4).normal(size=(K, 3, 1)), np.zeros((2, 1)))
+    column = Predictions(np.zeros((3, 1)), np.random.default_rng(4).normal(size=(K, 3, 1)), np.zeros((2, 1)))
     spectrum = exponential_spectrum(3.0, np.arange(K + 1))[1:, None] * 1e4 + 1
     for cosines, expected in (
         (NOISE, np.ones((K, 3))),
@@ -183,7 +191,7 @@ def test_weights_are_the_inverse_of_the_spectrum_that_noise_shows():
 @pytest.mark.parametrize("size", [1.5, 6.0])
 def test_a_column_that_field_and_course_see_differently_is_fitted_where_both_together_are_likeliest(size):
     of_course = np.random.default_rng(5).normal(scale=0.1, size=(K, 3, 1))
-    column = Columns(np.zeros((3, 1)), of_course, np.array([[0.1], [0.4]]))
+    column = Predictions(np.zeros((3, 1)), of_course, np.array([[0.1], [0.4]]))
 
     def left(by):
         parameters = (0.1 * (size - by), 0.4 * (size - by))
@@ -196,7 +204,7 @@ def test_a_column_that_field_and_course_see_differently_is_fitted_where_both_tog
 
 
 def test_two_columns_that_are_the_same_share_what_one_of_them_has():
-    one = Columns(np.zeros((3, 1)), np.random.default_rng(2).normal(size=(K, 3, 1)), np.ones((2, 1)))
+    one = Predictions(np.zeros((3, 1)), np.random.default_rng(2).normal(size=(K, 3, 1)), np.ones((2, 1)))
     both = one + one
     assert (one.count, both.count, (both + one).count, NOTHING.count) == (1, 2, 3, 0)
     assert [part.shape for part in (both.mean, both.cosines, both.field)] == [(3, 2), (K, 3, 2), (2, 2)]
@@ -221,7 +229,7 @@ def test_a_slow_column_in_slow_noise_is_known_worse_than_one_in_white_noise():
     """By the root of the spectrum of the ordinate that it stands in."""
     cosines = np.zeros((K, 3, 1))
     cosines[1, 0] = 1.0
-    column = Columns(np.zeros((3, 1)), cosines, np.zeros((2, 1)))
+    column = Predictions(np.zeros((3, 1)), cosines, np.zeros((2, 1)))
     spectrum = 1 + 1e4 * exponential_spectrum(3.0, np.arange(3))[2]
     errors = [np.sqrt(fitted(observed(cosines=noise), column).covariance[0, 0]) for noise in (SLOW, NOISE)]
     assert errors[0] / errors[1] == pytest.approx(np.sqrt(spectrum), rel=0.5)
@@ -230,7 +238,7 @@ def test_a_slow_column_in_slow_noise_is_known_worse_than_one_in_white_noise():
 def test_columns_in_units_a_million_million_times_apart_are_both_fitted():
     """As they are in like units: coefficients and errors are in those of each."""
     rng = np.random.default_rng(7)
-    like = Columns(np.zeros((3, 2)), rng.normal(size=(K, 3, 2)), np.zeros((2, 2)))
+    like = Predictions(np.zeros((3, 2)), rng.normal(size=(K, 3, 2)), np.zeros((2, 2)))
     units = np.array([1e6, 1e-6])
     unlike = replace(like, cosines=like.cosines * units)
     cosines = NOISE + like.cosines @ [3.0, -2.0]
@@ -241,7 +249,7 @@ def test_columns_in_units_a_million_million_times_apart_are_both_fitted():
 
 
 def test_a_column_of_nothing_has_neither_a_coefficient_nor_an_error():
-    columns = Columns(np.zeros((3, 2)), np.zeros((K, 3, 2)), np.zeros((2, 2)))
+    columns = Predictions(np.zeros((3, 2)), np.zeros((K, 3, 2)), np.zeros((2, 2)))
     columns.cosines[:, :, 0] = np.random.default_rng(7).normal(size=(K, 3))
     found = fitted(observed(cosines=NOISE + 3.0 * columns.cosines[:, :, 0]), columns)
     assert found.coefficients == pytest.approx([3.0, 0.0], abs=0.3)

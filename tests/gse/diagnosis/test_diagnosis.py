@@ -10,21 +10,21 @@ from skies.one_by_one import add_frame
 from skies.own_answers import with_answers, without_error
 
 from drivers.chunk import LinkEvent
-from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.diagnosis import _facts, causes_so_far, findings, session_model
 from gse.diagnosis.field_patterns import PARAMETERS
 from gse.diagnosis.misplaced_stars import most_unmatched, stars_fall_out
 from gse.diagnosis.plain_findings import faulty_panoramas
-from gse.instant import NS_PER_S
-from gse.mount import InertialDirection, Mount
-from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.events import ClockStep, StationKind
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.session_statistics import statistics
 from gse.truth import Alignment
+from gse.values.instant import NS_PER_S
+from gse.values.mount import InertialDirection, Mount
+from gse.verdict.assessment import judge
 
 
 def found(made):

@@ -5,7 +5,6 @@ import pytest
 import scipy.fft
 from scipy.spatial.transform import Rotation
 
-from gse.camera import Camera
 from gse.diagnosis.error_series import (
     MOST_INSTANTS,
     ErrorSeries,
@@ -14,8 +13,10 @@ from gse.diagnosis.error_series import (
     often_answered,
     with_left_out,
 )
-from gse.star_influence import boresight_shifts
-from gse.station.frame_table import FRAME, MATCH
+from gse.station.columns import FRAME
+from gse.station.frame_table import MATCH
+from gse.values.camera import Camera
+from gse.values.star_influence import boresight_shifts
 
 
 def series_of(count: int, errors_arcsec: np.ndarray, *, frame_s: float = 0.1) -> ErrorSeries:

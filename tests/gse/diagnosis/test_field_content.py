@@ -7,7 +7,7 @@ import pytest
 from skies.known_nights import session
 
 from gse.diagnosis.field_content import SeenStars, field_content, share_error
-from gse.station.frame_table import ANSWER_CHECKS
+from gse.station.columns import ANSWER_CHECKS
 from gse.station.results import AnswerCheck
 
 FOCAL_PX, CENTRE_PX = 4169.905, 511.5

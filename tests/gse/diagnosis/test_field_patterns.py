@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
-from gse.constants import ARCSEC_PER_RAD
 from gse.diagnosis.field_patterns import (
     PARAMETERS,
     StarErrors,
@@ -19,10 +18,11 @@ from gse.diagnosis.field_patterns import (
     field_of_errors,
     unexplained_residuals,
 )
-from gse.site import Site
-from gse.star_influence import FrameFits
 from gse.truth import horizon_to_sensor
 from gse.truth.refraction import Refraction
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.site import Site
+from gse.values.star_influence import FrameFits
 
 SITE, MOUNT = SETTINGS[0]
 PIXEL_ARCSEC = CAMERA.pixel_rad * ARCSEC_PER_RAD

@@ -10,7 +10,7 @@ import scipy.stats
 from scipy.optimize import brentq
 from skies.star_errors import CAMERA, SETTINGS, Truth, findings_of, made, model_of
 
-from gse.diagnosis.competing_models import Columns, Observed, by_its_noise, fitted
+from gse.diagnosis.competing_models import Observed, Predictions, by_its_noise, fitted
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import FieldOfErrors, StarErrors
 from gse.diagnosis.fine_causes import (
@@ -27,9 +27,9 @@ from gse.diagnosis.fine_causes import (
     together,
     told,
 )
-from gse.diagnosis.fine_hypotheses import Hypothesis
+from gse.diagnosis.fine_hypotheses import FineHypothesis
 from gse.diagnosis.session_model import SessionModel
-from gse.mount import Mount
+from gse.values.mount import Mount
 
 SITE, MOUNT = SETTINGS[0]
 TRUE = Truth(SITE, MOUNT)
@@ -239,7 +239,7 @@ def cause(*ordinates, name="cause", field=(), **options):
         cosines[place, 0, column] = 1.0
     for column, place in enumerate(field, start=len(ordinates)):
         parameters[place, column] = 1.0
-    return Hypothesis(name, name, Columns(np.zeros((3, count)), cosines, parameters), **options)
+    return FineHypothesis(name, name, Predictions(np.zeros((3, count)), cosines, parameters), **options)
 
 
 def test_causes_stand_side_by_side_in_their_order():
@@ -350,8 +350,8 @@ def at_place(place, tried):
     cosines = np.zeros((K, 3, 1))
     cosines[:, 0, 0] = np.exp(-0.5 * ((np.arange(K) - place) / 3) ** 2)
     tried.append(place)
-    return Hypothesis("bump", "bump", Columns(np.zeros((3, 1)), cosines, np.zeros((3, 1))), place=place, spacing=4.0,
-                      moved=lambda other: at_place(other, tried))  # fmt: skip
+    columns = Predictions(np.zeros((3, 1)), cosines, np.zeros((3, 1)))
+    return FineHypothesis("bump", "bump", columns, place=place, spacing=4.0, moved=lambda other: at_place(other, tried))
 
 
 @pytest.mark.parametrize("true_place", [17.3125, 18.6875, 18.0])
@@ -452,8 +452,8 @@ def swinging(amplitude, cycles=(3,), *, noise_arcsec=0.5, stars=1):
     field = replace(with_field().field, stars=of_stars) if stars > 1 else None
     model = SessionModel(ErrorSeries(places, places.astype(float), errors), field, SITE, MOUNT, False, np.eye(3))
     *columns, second, third, fourth = (np.outer(wave, [1.0, 0.0, 0.0]) for wave in waves)
-    earlier = Hypothesis("earlier", "earlier", model.columns(second, third, fourth), is_change=True)
-    return model, [earlier], Hypothesis("swing", "swing", model.columns(*columns), is_change=True)
+    earlier = FineHypothesis("earlier", "earlier", model.columns(second, third, fourth), is_change=True)
+    return model, [earlier], FineHypothesis("swing", "swing", model.columns(*columns), is_change=True)
 
 
 def observed_by(model):
@@ -503,7 +503,7 @@ def test_a_rival_that_explains_the_same_within_three_standard_errors_is_an_equal
     def rival(angle, name="rival"):
         cosines = np.zeros((K, 3, 1))
         cosines[[9, 10], 0, 0] = math.cos(angle), math.sin(angle)
-        return Hypothesis(name, name, Columns(np.zeros((3, 1)), cosines, np.zeros((3, 1))), searched=500)
+        return FineHypothesis(name, name, Predictions(np.zeros((3, 1)), cosines, np.zeros((3, 1))), searched=500)
 
     def worse(angle):
         pair = (fitted(observed, hypothesis.columns).twice_log_likelihood for hypothesis in (one, rival(angle)))

@@ -6,16 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gse.camera import Camera
-from gse.diagnosis.competing_models import Columns
+from gse.diagnosis.competing_models import Predictions
 from gse.diagnosis.fine_causes import Named
-from gse.diagnosis.fine_findings import _WORDS, Setting, _vibration
-from gse.diagnosis.fine_hypotheses import TANGENTIAL, Hypothesis
+from gse.diagnosis.fine_findings import _WORDS, Setting, Vibration, _vibration
+from gse.diagnosis.fine_hypotheses import TANGENTIAL, FineHypothesis
 from gse.diagnosis.late_frames import LateFrames
-from gse.diagnosis.vibration import Vibration
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
-from gse.site import Site
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 SETTING = Setting(
     Camera(1024, 1024, 4000.0, (511.5, 511.5)),
@@ -25,15 +24,15 @@ SETTING = Setting(
     0.4,
     10.0,
 )
-NONE = Columns(*(np.zeros((1, 1, 1)) for _ in range(3)))
+NONE = Predictions(*(np.zeros((1, 1, 1)) for _ in range(3)))
 
 
 def found(cause, *coefficients, kind="", at_s=math.nan, errors=None, rivals=(), setting=SETTING):
     """The finding; rivals are pairs of cause and kind."""
-    equals = tuple(Hypothesis(*rival, NONE) for rival in rivals)
+    equals = tuple(FineHypothesis(*rival, NONE) for rival in rivals)
     sizes = np.array(coefficients)
     known = np.zeros(len(sizes)) if errors is None else np.array(errors)
-    return _WORDS[cause](Named(Hypothesis(cause, kind, NONE, at_s=at_s), sizes, known, equals), setting)
+    return _WORDS[cause](Named(FineHypothesis(cause, kind, NONE, at_s=at_s), sizes, known, equals), setting)
 
 
 def delayed(by_s, late_from_s=60.0, first_s=0.0):

@@ -9,15 +9,15 @@ import scipy.fft
 import scipy.interpolate
 from scipy.spatial.transform import Rotation
 
-from gse.diagnosis.competing_models import Columns
+from gse.diagnosis.competing_models import Predictions
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS, FieldOfErrors
-from gse.diagnosis.fine_hypotheses import Hypothesis, causes_of_field, constant_causes, drifts
-from gse.diagnosis.raw_attitudes import errors_arcsec
+from gse.diagnosis.fine_hypotheses import FineHypothesis, causes_of_field, constant_causes, drifts
+from gse.diagnosis.gross_causes import errors_arcsec
 from gse.diagnosis.session_model import SessionModel
-from gse.mount import Mount
-from gse.site import Site, SiteUncertainty
 from gse.truth import horizon_to_sensor
+from gse.values.mount import Mount
+from gse.values.site import Site, SiteUncertainty
 
 SITE = Site(latitude_deg=48.0, longitude_deg=11.0, pressure_hpa=1000.0, temperature_c=15.0)
 MOUNT = Mount(azimuth_deg=130.0, altitude_deg=60.0, roll_deg=25.0)
@@ -164,7 +164,7 @@ def test_air_is_known_by_pressure_temperature_and_the_colour_of_stars_together(p
 
 
 def test_a_hypothesis_is_no_change_without_bounds_and_of_one_place_unless_it_says_otherwise():
-    one = Hypothesis("cause", "kind", Columns(np.zeros((3, 2)), np.zeros((4, 3, 2)), np.zeros((8, 2))))
+    one = FineHypothesis("cause", "kind", Predictions(np.zeros((3, 2)), np.zeros((4, 3, 2)), np.zeros((8, 2))))
     assert (one.is_change, one.searched, one.bounds, one.known) == (False, 1, (-math.inf, math.inf), 0.0)
     assert (one.spacing, one.moved) == (0.0, None)
     assert math.isnan(one.at_s)

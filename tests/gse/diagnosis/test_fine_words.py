@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f
 
-from gse.camera import Camera
-from gse.diagnosis.competing_models import Columns
+from gse.diagnosis.competing_models import Predictions
 from gse.diagnosis.fine_causes import Named
 from gse.diagnosis.fine_findings import _WORDS, Setting
-from gse.diagnosis.fine_hypotheses import TANGENTIAL, Hypothesis
+from gse.diagnosis.fine_hypotheses import TANGENTIAL, FineHypothesis
 from gse.diagnosis.late_frames import LateFrames
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
-from gse.site import Site
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 SETTING = Setting(
     Camera(1024, 1024, 4000.0, (511.5, 511.5), radial_distortion=(0.001, 0.0)),
@@ -28,10 +28,13 @@ SETTING = Setting(
 
 
 def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), late=None):
-    columns = Columns(*(np.zeros((1, 1, 1)) for _ in range(3)))
-    equals = tuple(Hypothesis(rival, rival, columns) for rival in rivals)
+    columns = Predictions(*(np.zeros((1, 1, 1)) for _ in range(3)))
+    equals = tuple(FineHypothesis(rival, rival, columns) for rival in rivals)
     one = Named(
-        Hypothesis(cause, kind, columns, at_s=at_s), np.array(coefficients), np.full(len(coefficients), error), equals
+        FineHypothesis(cause, kind, columns, at_s=at_s),
+        np.array(coefficients),
+        np.full(len(coefficients), error),
+        equals,
     )
     finding = _WORDS[cause](one, replace(SETTING, late=late))
     return f"{finding.cause}: {finding.size}; {', '.join(finding.equals)}"
@@ -88,8 +91,8 @@ def test_a_size_is_told_with_twice_its_standard_error():
 @pytest.mark.parametrize("columns", [1, 3])
 def test_a_cause_is_worth_naming_where_noise_would_hardly_explain_as_much(searched, chance, columns):
     """One session in 500, shared by 25 causes: by chi squared of as many degrees as columns, by F of few stars."""
-    none = Columns(*(np.zeros((1, 1, columns)) for _ in range(3)))
-    one = Hypothesis("cause", "kind", none, is_change=True, searched=searched)
+    none = Predictions(*(np.zeros((1, 1, columns)) for _ in range(3)))
+    one = FineHypothesis("cause", "kind", none, is_change=True, searched=searched)
     assert chi2.sf(one.is_worth, columns) == pytest.approx(chance)
     assert f.sf(one.is_sure(9.0) / columns, columns, 9.0) == pytest.approx(chance)
 
@@ -158,8 +161,8 @@ def test_a_temperature_is_told_as_an_equal_of_a_pressure_within_three_tenths(off
 def test_a_lens_that_is_not_centred_is_told_with_what_to_write_beside_what_was_stated():
     """Three times the root of the sum of squares, at the edge of 512 px."""
     camera = replace(SETTING.camera, tangential_distortion=(0.001, -0.002))
-    columns = Columns(*(np.zeros((1, 1, 1)) for _ in range(3)))
-    one = Named(Hypothesis("distortion", TANGENTIAL, columns), np.array([0.003, 0.004]), np.zeros(2), ())
+    columns = Predictions(*(np.zeros((1, 1, 1)) for _ in range(3)))
+    one = Named(FineHypothesis("distortion", TANGENTIAL, columns), np.array([0.003, 0.004]), np.zeros(2), ())
     finding = _WORDS["distortion"](one, replace(SETTING, camera=camera))
     assert "up to 7.68 px off" in finding.size
     assert "tangential_distortion: [0.004000, 0.002000]" in finding.size

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
-from gse.diagnosis.focus import FocusLoss, _fades, focus_finding, focus_loss
+from gse.diagnosis.plain_findings import FocusLoss, _fades, focus_finding, focus_loss
 from gse.statistics.counted_frames import counted_frames
 
 STARS = [(100.0 + 80 * k, 900.0 - 70 * k, 0.0, 0.0) for k in range(10)]

@@ -8,11 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skies.astropy_attitudes import BOGOR, FIELD, MOUNT, MUNICH, SITES, START_NS, TABLE, attitudes
 
-from gse.diagnosis.gross_causes import gross_cause, left_with
-from gse.diagnosis.gross_turns import _of_angle, wrong_dates
-from gse.diagnosis.raw_attitudes import RawAttitudes
-from gse.instant import NS_PER_S
-from gse.mount import Mount
+from gse.diagnosis.gross_causes import RawAttitudes, _of_angle, gross_cause, left_with, wrong_dates
+from gse.values.instant import NS_PER_S
+from gse.values.mount import Mount
 
 
 def found(site, mount, true_site=None, true_mount=None, clock_s=0.0):

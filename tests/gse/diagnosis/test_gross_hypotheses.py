@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from gse.diagnosis.gross_hypotheses import CORRECT, SET_CLOCK, Hypothesis, of_clock, of_mount, of_site
-from gse.mount import Mount
-from gse.site import Site
+from gse.diagnosis.gross_causes import CORRECT, SET_CLOCK, GrossHypothesis, of_clock, of_mount, of_site
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 SITE = Site(latitude_deg=48.5, longitude_deg=11.25)
 MOUNT = Mount(azimuth_deg=30.0, altitude_deg=60.0, roll_deg=25.0)
-STATED = Hypothesis("stated", "", CORRECT, SITE, MOUNT)
+STATED = GrossHypothesis("stated", "", CORRECT, SITE, MOUNT)
 SIDEREAL_DAY_S = 86_164.0905
 
 

@@ -9,8 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skies.astropy_attitudes import MOUNT, MUNICH, TABLE, attitudes
 
-from gse.diagnosis.gross_hypotheses import CORRECT, SET_CLOCK, Hypothesis
-from gse.diagnosis.gross_turns import (
+from gse.diagnosis.gross_causes import (
+    CORRECT,
+    SET_CLOCK,
+    GrossHypothesis,
     _about_the_pole,
     _duration,
     _elsewhere,
@@ -21,11 +23,11 @@ from gse.diagnosis.gross_turns import (
     turned,
     wrong_dates,
 )
-from gse.mount import Mount
-from gse.site import Site
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 EAST, NORTH, UP = np.eye(3)
-STATED = Hypothesis("", "", "", MUNICH, MOUNT)
+STATED = GrossHypothesis("", "", "", MUNICH, MOUNT)
 SIDEREAL_DAY_S = 86_164.0905
 BORESIGHT = np.array([math.sin(math.radians(130)) / 2, math.cos(math.radians(130)) / 2, math.sin(math.radians(60))])
 ASIDE = np.array([math.cos(math.radians(130)), -math.sin(math.radians(130)), 0.0])

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from skies.star_errors import SETTINGS, START_NS, Truth, made
 
+from gse.diagnosis.diagnosis import without_steps
 from gse.diagnosis.error_series import ErrorSeries, error_series
-from gse.diagnosis.known_clock_steps import without_steps
-from gse.instant import NS_PER_S
-from gse.mount import Mount
-from gse.site import Site
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.truth import horizon_to_sensor
+from gse.values.instant import NS_PER_S
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 SITE, MOUNT = SETTINGS[0]
 

@@ -6,9 +6,9 @@ from skies.known_nights import START_NS
 
 from drivers.chunk import LinkEvent
 from gse.diagnosis.late_frames import LateFrames
-from gse.instant import NS_PER_S
-from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
+from gse.station.events import ClockStep, StationKind
+from gse.values.instant import NS_PER_S
 
 AT_S = 120
 

@@ -5,11 +5,11 @@ import pytest
 from skies.known_nights import START_NS, session
 from skies.one_by_one import Made, results_of
 
-from gse.diagnosis.live_diagnosis import LiveDiagnosis
-from gse.instant import NS_PER_S
-from gse.panorama import Panorama
-from gse.station.event_kinds import FindingEvent
+from gse.diagnosis.diagnosis import LiveDiagnosis
+from gse.station.events import FindingEvent
 from gse.station.results import Status
+from gse.values.instant import NS_PER_S
+from gse.values.panorama import Panorama
 
 
 def announced_after_s(times_s, fails_from_s=0.0):

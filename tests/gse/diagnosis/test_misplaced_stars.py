@@ -8,11 +8,11 @@ import pytest
 from skies.known_nights import START_NS, STATION, session
 
 from gse.diagnosis.misplaced_stars import most_unmatched, stars_fall_out
-from gse.instant import NS_PER_S
-from gse.mount import Mount
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
 from gse.statistics.counted_frames import counted_frames
 from gse.truth import Alignment
+from gse.values.instant import NS_PER_S
+from gse.values.mount import Mount
 
 HALF_FIELD_DEG = math.degrees(math.atan(math.hypot(512.0, 512.0) / 4169.905))
 

@@ -15,12 +15,12 @@ from gse.diagnosis.plain_findings import (
     ran_away_s,
     sensor_clock_drift,
 )
-from gse.mount import Mount
-from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.events import ClockStep, StationKind
 from gse.station.results import AnswerCheck, Status
 from gse.statistics.low_field import air_in_field
 from gse.statistics.session_statistics import statistics
+from gse.values.mount import Mount
 
 
 def event(kind):

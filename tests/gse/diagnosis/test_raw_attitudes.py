@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.attitude import Attitude
-from gse.camera import Camera
-from gse.diagnosis.raw_attitudes import RawAttitudes, central
-from gse.station.frame_table import FRAME
+from gse.diagnosis.gross_causes import RawAttitudes, central
+from gse.station.columns import FRAME
+from gse.values.attitude import Attitude
+from gse.values.camera import Camera
 
 
 def frames(count):

@@ -10,17 +10,16 @@ import pytest
 import scipy.special
 from skies.known_nights import START_NS, STATION, session
 
-from gse.budget.star_terms import roll_of_a_fix
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
-from gse.diagnosis.beside_panoramas import _scatter
-from gse.diagnosis.sensor_findings import _by_few_other_stars_arcsec, _explained, _zeros, sensor_findings
-from gse.finding import Finding
-from gse.instant import NS_PER_S
-from gse.mount import InertialDirection, Mount
+from gse.diagnosis.sensor_findings import _by_few_other_stars_arcsec, _explained, _scatter, _zeros, sensor_findings
 from gse.station.own_answers import SensorAnswers, sensor_answers
-from gse.statistics.convention_search import ConventionSearch, Fit
 from gse.statistics.sensor_answers import by_other_stars_arcsec
+from gse.statistics.sensor_convention import ConventionFit, ConventionSearch
+from gse.statistics.star_terms import roll_of_a_fix
 from gse.truth import Alignment
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.finding import Finding
+from gse.values.instant import NS_PER_S
+from gse.values.mount import InertialDirection, Mount
 from protocols import AttitudeMessage
 
 FRAMES = 400
@@ -344,7 +343,7 @@ def test_four_sigmas_of_other_stars_or_the_shift_that_is_named_are_explained(nig
 
 def searched(aberration="not told", *, stated=STATION.sensor.attitude, aberration_arcsec=15.0):
     """A search that finds the stated convention, or another one."""
-    fit = Fit(stated, 3.0, 1.0)
+    fit = ConventionFit(stated, 3.0, 1.0)
     return ConventionSearch(100, 60.0, (fit,), fit, aberration, aberration_arcsec, False, True)
 
 

@@ -22,15 +22,15 @@ from gse.diagnosis.sensor_health import (
     health_findings,
     sensor_health,
 )
-from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
 from gse.simulator import device_factory
-from gse.station.frame_table import SKY_CONDITIONS
+from gse.station.columns import SKY_CONDITIONS
 from gse.station.housekeeping import MODES, in_words
 from gse.station.loop import StationLoop
 from gse.station.results import SkyCondition
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
+from gse.values.instant import NS_PER_S
 from protocols import StatusMessage
 
 LOOK = "; next: look at the frames with gse decode, and at the protocol file"

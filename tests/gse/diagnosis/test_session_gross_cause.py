@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, session
 
-from gse.diagnosis.session_gross_cause import _raw_attitudes, gross_cause_of, gross_finding, left_under
-from gse.instant import NS_PER_DAY, NS_PER_S, from_text
-from gse.mount import InertialDirection
-from gse.station.frame_table import ANSWER_CHECKS
+from gse.diagnosis.gross_causes import _raw_attitudes, gross_cause_of, gross_finding, left_under
+from gse.station.columns import ANSWER_CHECKS
 from gse.station.results import AnswerCheck
 from gse.statistics.counted_frames import counted_frames
+from gse.values.instant import NS_PER_DAY, NS_PER_S, from_text
+from gse.values.mount import InertialDirection
 
 COUNT = 12
 TURNED = replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)

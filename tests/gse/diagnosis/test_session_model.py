@@ -10,8 +10,8 @@ from gse.diagnosis.competing_models import Fitted
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS, FieldOfErrors, StarErrors
 from gse.diagnosis.session_model import SessionModel
-from gse.mount import Mount
-from gse.site import Site
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 SITE = Site(latitude_deg=48.0, longitude_deg=11.0)
 MOUNT = Mount(azimuth_deg=130.0, altitude_deg=60.0, roll_deg=25.0)

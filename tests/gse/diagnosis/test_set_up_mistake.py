@@ -8,18 +8,18 @@ from skies.known_nights import START_NS, STATION, session, unanswered
 from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
-from gse.assessment.requirements import requirement_of
 from gse.config.station import BUILT_IN_TEXT
-from gse.diagnosis.session_gross_cause import gross_finding
+from gse.diagnosis.gross_causes import gross_finding
 from gse.diagnosis.set_up_mistake import _keeps, lost_station, mistake_of, set_up_mistake
-from gse.finding import Finding
-from gse.instant import NS_PER_S
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.decision import Outcome, Row, share_of
 from gse.statistics.excuses import Evidence, excused
+from gse.values.finding import Finding
+from gse.values.instant import NS_PER_S
+from gse.verdict.requirements import requirement_of
 
 ROLL_STATED = {"mount": replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from gse.diagnosis.slope_within import slope_within
+from gse.statistics.slopes import slope_within
 
 
 def test_the_slope_within_stars_has_the_interval_of_a_regression_clustered_by_star() -> None:

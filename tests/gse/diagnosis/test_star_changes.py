@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gse.camera import Camera
+from gse.diagnosis.diagnosis import _Cells, sampled_matches, without_star_changes
 from gse.diagnosis.error_series import ErrorSeries
-from gse.diagnosis.star_changes import _Cells, sampled_matches, without_star_changes
-from gse.star_influence import attitude_operators, boresight_shifts
 from gse.station.frame_table import MATCH
+from gse.values.camera import Camera
+from gse.values.star_influence import attitude_operators, boresight_shifts
 
 CAMERA = Camera(1024, 1024, 4000.0, (511.5, 511.5))
 FRAMES, STARS = 40, 8

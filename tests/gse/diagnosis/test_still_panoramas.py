@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skies.known_nights import STATION, session
 
-from gse.diagnosis.still_panoramas import _longest_run, still_panoramas
+from gse.diagnosis.plain_findings import _longest_run, still_panoramas
 
 SAME_STARS = tuple((100.0 + 60 * star, 900.0 - 50 * star, 0.0, 0.0) for star in range(12))
 PIXEL_ARCSEC = 206_265 / STATION.sensor.camera().focal_length_px

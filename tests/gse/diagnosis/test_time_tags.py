@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gse.diagnosis.time_tags import _off, often_stand_still, time_tag_faults
-from gse.instant import NS_PER_S, from_text
-from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_table import FRAME
+from gse.diagnosis.plain_findings import _off, often_stand_still, time_tag_faults
+from gse.station.columns import FRAME
+from gse.station.events import ClockStep, StationKind
+from gse.values.instant import NS_PER_S, from_text
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 

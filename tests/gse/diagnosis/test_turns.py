@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gse.diagnosis.turns import VERTICAL, about, all_turns, level_axis, pole, size_rad
-from gse.mount import Mount
-from gse.site import Site
 from gse.truth import horizon_to_sensor
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 MOUNT = Mount(azimuth_deg=130.0, altitude_deg=35.0, roll_deg=25.0)
 SMALL_DEG = 0.01

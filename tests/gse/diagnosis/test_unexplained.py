@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from skies.known_nights import STATION, session
 
-from gse.constants import ARCSEC_PER_RAD
-from gse.diagnosis.unexplained import unexplained
-from gse.station.frame_table import STATUSES
+from gse.diagnosis.diagnosis import unexplained
+from gse.station.columns import STATUSES
 from gse.station.results import Status
 from gse.statistics.session_statistics import statistics
+from gse.values.constants import ARCSEC_PER_RAD
 
 PLACES = [(100.0 + 90 * k, 900.0 - 80 * k) for k in range(9)]
 """Nine stars, of whose residuals a fit takes one and a half: a star's noise is sqrt(9 / 7.5) of them."""

@@ -10,7 +10,7 @@ from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
 from gse.diagnosis.error_series import error_series
 from gse.diagnosis.field_patterns import field_of_errors
-from gse.diagnosis.vibration import (
+from gse.diagnosis.fine_findings import (
     _independent,
     _line_hz,
     _predicted,

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from devices.patience import PATIENCE_S
 
-from gse.evaluation.cpu_times import CpuTimes
-from gse.evaluation.plan import interval
-from gse.statistics.percentiles import percentiles
+from gse.evaluation.plan import CpuTimes, interval
+from gse.statistics.sampling import percentiles
 
 
 def evaluated(gse, *options):

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from devices.programs import program
 
-from gse.cli.evaluation_table import table as evaluation_table
+from gse.cli.evaluate import table as evaluation_table
 from gse.errors import TableError, UsageError
 from gse.evaluation.panoramas import benchmark, read_set, table
-from gse.identifier_options import IdentifierOptions
+from gse.values.identifier_options import IdentifierOptions
 
 NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
 NAME = "rooftop-alt40-azi-135"

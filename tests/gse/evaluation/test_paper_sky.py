@@ -7,7 +7,7 @@ import pytest
 
 from gse.evaluation.paper_sky import FIGURES, PaperSky, distinct_magnitude, fields_on_sky, stars_to, write_sky_figures
 from gse.evaluation.plan import PIVOT_PAPER, PRESETS, Plan
-from gse.identifier.cells import Cells
+from gse.identifier.pivot import Cells
 
 FIELD_RAD = math.radians(8)
 

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gse.attitude import Attitude
-from gse.camera import Camera
 from gse.external.answers import ExternalAnswer, parse_answer, parse_line
 from gse.external.panoramas import SensorDescription, WireUnit, rows_here
-from gse.panorama import Panorama
+from gse.values.attitude import Attitude
+from gse.values.camera import Camera
+from gse.values.panorama import Panorama
 
 CAMERA = Camera(1024, 1024, 4000.0, (511.5, 511.5))
 SCALAR = st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(["", "1", "NaN"])
@@ -98,7 +98,7 @@ def test_a_panorama_goes_out_in_wire_units_and_in_the_order_of_the_wire():
     panorama = Panorama(1_774_018_800_000_000_000, xy_px, brightness, 7, 0.1, 123_000, wire_rows=wire_rows)
     document = json.loads(*sensor.lines([panorama]))
     assert document == {
-        "schema": "gse.panorama/1",
+        "schema": "gse.values.panorama/1",
         "frame_no": 7,
         "utc": "2026-03-20T15:00:00.000000000Z",
         "time_us": 123_000,

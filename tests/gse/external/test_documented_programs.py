@@ -1,6 +1,7 @@
 """The programs of docs/external-identifiers.md, as they are printed there."""
 
 import math
+import sys
 from pathlib import Path
 from textwrap import dedent
 
@@ -14,9 +15,9 @@ from gse.external.answers import ExternalAnswer
 from gse.external.identifier import RunningIdentifier
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
-from gse.identifier_options import IdentifierOptions
-from gse.panorama import Panorama
-from gse.spiral import spiral_directions
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
+from gse.values.spiral import spiral_directions
 
 TEXT = (Path(__file__).parents[3] / "docs" / "external-identifiers.md").read_text()
 SENSOR = SensorDescription("made", FIELD_14_DEG, 4096)
@@ -43,7 +44,7 @@ def test_the_solver_in_python_finds_the_sky(tmp_path):
     sky, random = sky_of(catalog, FIELD_14_DEG, 6.0), np.random.default_rng(3)
     frames = [made_frame(sky, FIELD_14_DEG, direction, Noise(), random) for direction in spiral_directions(12)]
     panoramas = [Panorama(0, frame.xy_px, frame.brightness, number) for number, frame in enumerate(frames)]
-    given = answered(panoramas, command=("python3", "solver.py", "stars.csv"), directory=str(tmp_path))
+    given = answered(panoramas, command=(sys.executable, "solver.py", "stars.csv"), directory=str(tmp_path))
     assert all(isinstance(answer, ExternalAnswer) and answer.attitude is not None for answer in given)
     for answer, frame in zip(given, frames, strict=True):
         assert math.dist(answer.attitude.boresight_icrs, frame.icrs_to_sensor[2]) < math.radians(0.05)

@@ -9,8 +9,8 @@ from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.identifier import RunningIdentifier
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
-from gse.identifier_options import IdentifierOptions
-from gse.panorama import Panorama
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
 
 SENSOR = SensorDescription("made", FIELD_14_DEG, 4096)
 

@@ -5,7 +5,7 @@ import pytest
 from devices.programs import program
 
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import Message
+from drivers.session_file.records import RecordedMessage
 from gse.cli import main
 from gse.config.choice import change_to
 from gse.config.station import BUILT_IN_TEXT
@@ -122,7 +122,7 @@ def test_the_sky_is_as_clear_where_a_program_names_few_stars_or_fails(sessions, 
 
 
 def test_answers_and_stderr_are_in_the_session(sessions):
-    messages = [record for record in read_capture(sessions[1] / "session.mcap") if isinstance(record, Message)]
+    messages = [record for record in read_capture(sessions[1] / "session.mcap") if isinstance(record, RecordedMessage)]
     answers = [json.loads(message.data) for message in messages if message.topic == ANSWER_TOPIC]
     assert sum("answer" in answer for answer in answers) == external_answers(sessions[1])
     assert b"".join(message.data for message in messages if message.topic == LOG_TOPIC) == b"ready\nready\n"

@@ -9,14 +9,14 @@ import pytest
 from devices.patience import PATIENCE_S
 from devices.programs import program
 
-from gse.camera import Camera
 from gse.errors import UsageError
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.identifier import MOST_FAILURES_IN_A_ROW, MOST_LOG_BYTES, MOST_SILENT_STARTS, RunningIdentifier
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
-from gse.identifier_options import IdentifierOptions
-from gse.panorama import Panorama
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
 
 SENSOR = SensorDescription("made", Camera(1024, 1024, 4000.0, (511.5, 511.5)), 4096)
 

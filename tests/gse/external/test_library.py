@@ -10,7 +10,6 @@ from devices.compiler import shared_library
 from devices.patience import PATIENCE_S
 from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
 
-from gse.attitude import solve_attitude
 from gse.catalog import load_catalog, mission_catalog
 from gse.catalog.flight import write_table
 from gse.errors import UsageError
@@ -20,9 +19,10 @@ from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, make_identifier
 from gse.identifier.tables import field_diameter_rad, listed_neighbours, pair_table
-from gse.identifier_options import IdentifierOptions
-from gse.panorama import Panorama
-from gse.spiral import spiral_directions
+from gse.values.attitude import solve_attitude
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.panorama import Panorama
+from gse.values.spiral import spiral_directions
 
 SENSOR = SensorDescription("made", FIELD_14_DEG, 4096)
 PANORAMAS = 250

@@ -13,7 +13,7 @@ from gse.identifier import Identification, Reason, Unidentified
 from gse.identifier.acceptance import RandomSky, accepted, wahba_residual_rad
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS
 from gse.identifier.robust import _believed, _false_match_probability
-from gse.parts import Parts
+from gse.values.panorama import Parts
 
 ARCSEC = math.radians(1 / 3600)
 MIRROR = np.array([-1.0, 1.0, 1.0])

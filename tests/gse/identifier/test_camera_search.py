@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.identifier.camera_search import _trials, find_camera
-from gse.panorama import Panorama
+from gse.values.camera import Camera
+from gse.values.panorama import Panorama
 
 STATED = Camera(1024, 1024, 4169.9, (511.5, 511.5))
 

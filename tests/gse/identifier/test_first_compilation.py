@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 from devices.patience import PATIENCE_S
 
-from gse.attitude import _solve, _solve_each
-from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.first_compilation import compile_attitudes, compile_robust, first_compilation, is_compiled
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
-from gse.panorama import Panorama
 from gse.station.loop import StationLoop
 from gse.station.setup import example_places, set_up
+from gse.values.attitude import _solve, _solve_each
+from gse.values.camera import Camera
+from gse.values.panorama import Panorama
 
 
 def test_the_other_process_compiles_for_the_types_of_a_session() -> None:

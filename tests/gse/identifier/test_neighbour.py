@@ -9,8 +9,8 @@ from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
 from gse.catalog import load_catalog
 from gse.identifier import Identification, Reason, Unidentified, make_identifier
 from gse.identifier.tables import field_diameter_rad, tolerance_rad
-from gse.identifier_options import IdentifierOptions
-from gse.spiral import spiral_directions
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.spiral import spiral_directions
 
 SELECTIONS = ("first-fit", "best-vote")
 

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from skies.made_frames import Noise, made_frame, sky_of
 from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_table
 
-from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.identifier.consistency import MOST_CANDIDATES, object_of, star_of
 from gse.identifier.neighbour_level_1 import BLOCK, blocks_of, put_fits, put_fits_of_star, seen_from
-from gse.identifier.neighbour_search import EVERYWHERE, Limits, best_vote, first_fit, view_of
+from gse.identifier.neighbour_search import EVERYWHERE, SearchOptions, best_vote, first_fit, view_of
 from gse.identifier.tables import build_pair_table, field_diameter_rad
-from gse.spiral import spiral_directions
+from gse.values.camera import Camera
+from gse.values.spiral import spiral_directions
 
 CAMERA = Camera(768, 1024, 1400.0, (511.5, 383.5))
 """40 deg wide, so that few stars make a full sky and the plain search ends within the day."""
@@ -60,7 +60,7 @@ def test_the_table_of_pairs_is_the_onboard_table(table, plain_table):
 @pytest.mark.parametrize("min_fit", [3, 6])
 def test_same_answers_over_the_sky(source, stars, table, plain_table, search, min_fit):
     sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(11)
-    limits, named = Limits(TOLERANCE_URAD, min_fit, min_fit, 3, False, EVERYWHERE), 0
+    limits, named = SearchOptions(TOLERANCE_URAD, min_fit, min_fit, 3, False, EVERYWHERE), 0
     for boresight in spiral_directions(8):
         frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
         directions = CAMERA.directions(frame.xy_px)
@@ -73,7 +73,7 @@ def test_same_answers_over_the_sky(source, stars, table, plain_table, search, mi
 @pytest.mark.parametrize("min_fit", [3, 6])
 def test_alpha_stars_that_are_no_stars_change_nothing_for_those_after_them(source, stars, table, plain_table, min_fit):
     sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(12)
-    limits, named = Limits(TOLERANCE_URAD, min_fit, min_fit, 30, False, EVERYWHERE), 0
+    limits, named = SearchOptions(TOLERANCE_URAD, min_fit, min_fit, 30, False, EVERYWHERE), 0
     for boresight in spiral_directions(8)[:4]:
         frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
         pixels = np.concatenate([rng.uniform(0, (1024, 768), (7, 2)), frame.xy_px])
@@ -86,7 +86,7 @@ def test_alpha_stars_that_are_no_stars_change_nothing_for_those_after_them(sourc
 def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
-    limits = Limits(3 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
+    limits = SearchOptions(3 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
     plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     assert max(each_star_as_plain(directions, stars, table, limits, plain)) >= 6
 
@@ -98,7 +98,7 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
     plain_table = onboard_table(polar.icrs.tolist(), field_diameter_rad(CAMERA))
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
-    limits = Limits(60 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
+    limits = SearchOptions(60 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
     plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     assert max(each_star_as_plain(directions, polar, table, limits, plain)) > MOST_CANDIDATES
 
@@ -132,7 +132,7 @@ def candidates_of(member, fits):
 )
 def test_same_answers_on_any_objects(stars, table, plain_table, search, pixels, min_fit):
     directions = CAMERA.directions(np.array(pixels, dtype=float))
-    limits = Limits(2 * TOLERANCE_URAD, min_fit, min_fit, 2, False, EVERYWHERE)
+    limits = SearchOptions(2 * TOLERANCE_URAD, min_fit, min_fit, 2, False, EVERYWHERE)
     fast, slow = compared(search, directions, stars, table, plain_table, limits)
     assert fast == slow
 

@@ -7,8 +7,8 @@ from gse.identifier import Identification, Reason, Unidentified, make_identifier
 from gse.identifier.consistency import Separations
 from gse.identifier.match_group import MatchGroupIdentifier
 from gse.identifier.pivot import PivotIdentifier
-from gse.identifier_options import IdentifierOptions
-from gse.spiral import spiral_directions
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.spiral import spiral_directions
 
 FIELD_RAD = np.radians(8)
 ZERO_POINT = 20.0

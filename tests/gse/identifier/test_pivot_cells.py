@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gse.catalog import load_catalog
-from gse.identifier.cells import Cells
-from gse.spiral import spiral_directions
+from gse.identifier.pivot import Cells
+from gse.values.spiral import spiral_directions
 
 FIELDS_DEG = st.floats(1.0, 179.0)
 

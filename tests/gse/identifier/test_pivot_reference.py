@@ -8,14 +8,14 @@ from skies.made_frames import Noise, made_frame, sky_of
 from skies.reference_neighbour import onboard_table
 from skies.reference_pivot import ReferencePivot, magnitude_gate
 
-from gse.camera import Camera
 from gse.catalog import brightest_per_field, load_catalog, mission_catalog
-from gse.identifier.cells import Cells
 from gse.identifier.consistency import separations
 from gse.identifier.match_group import MAGNITUDE_GATE
-from gse.identifier.pivot_search import FOUND, NO_GATE, TIE, Gates, Objects, PivotSky, search
+from gse.identifier.pivot import Cells
+from gse.identifier.pivot_search import FOUND, NO_GATE, TIE, Gates, PivotObjects, PivotSky, search
 from gse.identifier.tables import build_pair_table
-from gse.spiral import spiral_directions
+from gse.values.camera import Camera
+from gse.values.spiral import spiral_directions
 
 CAMERA = Camera(1024, 1024, 2400.0, (511.5, 511.5))
 FIELD_RAD = 2 * np.arctan(np.hypot(512, 512) / 2400)
@@ -48,7 +48,7 @@ def plain(stars, sky):
 
 def assert_same(sky, plain, directions, brightness, gates):
     angles = separations(directions)
-    objects = Objects(angles.cosine, angles.sine, -2.5 * np.log10(brightness))
+    objects = PivotObjects(angles.cosine, angles.sine, -2.5 * np.log10(brightness))
     outcome, rows, named = search(objects, sky, gates, np.ones(len(sky.around), np.bool_))
     zero_point = None if np.isnan(gates.zero_point) else gates.zero_point
     gate = magnitude_gate(objects.magnitude.tolist(), sky.magnitude.tolist(), gates.magnitude, zero_point)

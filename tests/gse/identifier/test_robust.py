@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, solve_attitude
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.identifier import Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.robust import KnownSensor, RobustIdentifier
-from gse.spiral import spiral_directions
+from gse.values.attitude import Attitude, solve_attitude
+from gse.values.camera import Camera
+from gse.values.spiral import spiral_directions
 
 ARCSEC = math.radians(1 / 3600)
 WIDE = Optics("14 deg", Camera(1024, 1024, 512 / math.tan(math.radians(7)), (511.5, 511.5)), 6.0)

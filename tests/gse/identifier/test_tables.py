@@ -6,13 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skies.made_frames import FIELD_14_DEG
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, mission_catalog
 from gse.errors import CatalogError
 from gse.identifier.robust_tables import sky_tables
-from gse.identifier.table_cache import cached_columns
-from gse.identifier.tables import MOST_PAIRS, build_pair_table, field_diameter_rad, pair_table, tolerance_rad
-from gse.spiral import spiral_directions
+from gse.identifier.tables import (
+    MOST_PAIRS,
+    build_pair_table,
+    cached_columns,
+    field_diameter_rad,
+    pair_table,
+    tolerance_rad,
+)
+from gse.values.camera import Camera
+from gse.values.spiral import spiral_directions
 
 
 def scattered(count, seed=0):

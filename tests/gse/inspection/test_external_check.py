@@ -2,7 +2,7 @@ import pytest
 from devices.programs import program
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.inspection.external_identifier import check_external_identifier
+from gse.inspection.preflight import check_external_identifier
 
 
 @pytest.mark.parametrize(

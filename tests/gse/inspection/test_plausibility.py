@@ -5,9 +5,8 @@ from click.testing import CliRunner
 
 from gse.cli.config import command as config
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
-from gse.inspection.check import Check, Outcome
-from gse.inspection.plausibility import plausibility
-from gse.instant import from_text
+from gse.inspection.plausibility import Check, CheckOutcome, plausibility
+from gse.values.instant import from_text
 
 ROOF = BUILT_IN_TEXT.replace("url: sim://", "url: /dev/ttyUSB0")
 
@@ -32,7 +31,7 @@ def only(name: str, station: Station, at: str = "2026-05-20T09:00:00Z", hours: f
 def test_a_sound_station_has_its_field_its_night_and_its_stars_told() -> None:
     southwards = changed(("azimuth_deg: 0", "azimuth_deg: 180"), ("altitude_deg: 90", "altitude_deg: 60"))
     checks = found(southwards)
-    assert {check.outcome for check in checks.values()} == {Outcome.OK}
+    assert {check.outcome for check in checks.values()} == {CheckOutcome.OK}
     assert checks["field"].text == "14 x 14 deg, 49.47 arcsec per pixel"
     # In steps of 5 minutes; tests/gse/truth/test_solar_system.py compares the Sun with astropy.
     assert checks["night"].text.startswith("sunset 2026-05-20T10:45Z; dark from 2026-05-20T11:35Z")
@@ -42,29 +41,32 @@ def test_a_sound_station_has_its_field_its_night_and_its_stars_told() -> None:
 
 def test_a_focal_length_in_millimetres_is_refused() -> None:
     check = only("field", changed(("focal_length_px: 4169.905", "focal_length_px: 50")))
-    assert check.outcome is Outcome.FAIL
+    assert check.outcome is CheckOutcome.FAIL
     assert check.text.startswith("168.8 x 168.8 deg")
     assert "focal length in mm / size of a pixel" in check.advice
 
 
 @pytest.mark.parametrize(
-    ("altitude_deg", "outcome"), [(-30, Outcome.FAIL), (0, Outcome.FAIL), (5, Outcome.WARN), (45, Outcome.OK)]
+    ("altitude_deg", "outcome"),
+    [(-30, CheckOutcome.FAIL), (0, CheckOutcome.FAIL), (5, CheckOutcome.WARN), (45, CheckOutcome.OK)],
 )
-def test_a_boresight_below_the_horizon_is_refused_and_a_low_one_doubted(altitude_deg: int, outcome: Outcome) -> None:
+def test_a_boresight_below_the_horizon_is_refused_and_a_low_one_doubted(
+    altitude_deg: int, outcome: CheckOutcome
+) -> None:
     assert only("mount", changed(("altitude_deg: 90", f"altitude_deg: {altitude_deg}"))).outcome is outcome
 
 
 @pytest.mark.parametrize(
     ("baudrate", "outcome", "words"),
     [
-        (115200, Outcome.OK, ""),
-        (112500, Outcome.FAIL, "did you mean 115200?"),
-        (700_000, Outcome.WARN, "did you mean 750000?"),
-        (11520, Outcome.WARN, "did you mean 115200?"),
-        (96000, Outcome.WARN, "did you mean 9600?"),
+        (115200, CheckOutcome.OK, ""),
+        (112500, CheckOutcome.FAIL, "did you mean 115200?"),
+        (700_000, CheckOutcome.WARN, "did you mean 750000?"),
+        (11520, CheckOutcome.WARN, "did you mean 115200?"),
+        (96000, CheckOutcome.WARN, "did you mean 9600?"),
     ],
 )
-def test_a_baud_rate_that_no_uart_has_is_refused(baudrate: int, outcome: Outcome, words: str) -> None:
+def test_a_baud_rate_that_no_uart_has_is_refused(baudrate: int, outcome: CheckOutcome, words: str) -> None:
     check = only("baud rate", changed(("url: /dev/ttyUSB0", f"url: /dev/ttyUSB0\n  baudrate: {baudrate}")))
     assert check.outcome is outcome
     assert words in check.advice
@@ -72,24 +74,24 @@ def test_a_baud_rate_that_no_uart_has_is_refused(baudrate: int, outcome: Outcome
 
 def test_a_mount_that_looks_at_the_sun_within_the_session_is_refused() -> None:
     overhead = changed()  # at 6.5 deg south the Sun passes near the zenith in March
-    assert only("Sun", overhead, "2026-03-05T01:00:00Z", hours=8).outcome is Outcome.FAIL
-    assert only("Sun", overhead, "2026-03-05T09:00:00Z", hours=8).outcome is Outcome.WARN
-    assert only("Sun", overhead, "2026-06-20T01:00:00Z", hours=8).outcome is Outcome.OK
+    assert only("Sun", overhead, "2026-03-05T01:00:00Z", hours=8).outcome is CheckOutcome.FAIL
+    assert only("Sun", overhead, "2026-03-05T09:00:00Z", hours=8).outcome is CheckOutcome.WARN
+    assert only("Sun", overhead, "2026-06-20T01:00:00Z", hours=8).outcome is CheckOutcome.OK
 
 
 def test_a_moon_in_the_field_is_doubted_with_its_time() -> None:
     # Full Moon on 2026-03-03; at this site it culminates 15 deg from the zenith near 17:00 UTC.
     checks = [only("Moon", changed(), f"2026-0{month}-03T09:00:00Z") for month in range(1, 7)]
-    assert any(check.outcome is Outcome.WARN for check in checks)
+    assert any(check.outcome is CheckOutcome.WARN for check in checks)
     assert all("% lit" in check.text for check in checks)
 
 
 def test_a_narrow_field_with_too_few_stars_is_doubted_with_the_hour() -> None:
     narrow = changed(("focal_length_px: 4169.905", "focal_length_px: 15000"), ("altitude_deg: 90", "altitude_deg: 50"))
     text = ROOF.replace("port:", "identifier: {catalog_stars: 4000}\nport:").replace("4169.905", "15000")
-    assert only("stars", narrow).outcome in (Outcome.OK, Outcome.WARN)
+    assert only("stars", narrow).outcome in (CheckOutcome.OK, CheckOutcome.WARN)
     check = only("stars", parse_station(text))
-    assert check.outcome is Outcome.WARN
+    assert check.outcome is CheckOutcome.WARN
     assert "fewer than 7" in check.text
 
 
@@ -115,7 +117,7 @@ def test_the_poles_have_their_own_nights(latitude_deg: float, at: str, words: st
 
 def test_a_simulated_session_has_no_night_to_come() -> None:
     checks = found(parse_station(BUILT_IN_TEXT), "2026-03-05T01:00:00Z", hours=8)
-    assert {check.outcome for check in checks.values()} == {Outcome.OK}
+    assert {check.outcome for check in checks.values()} == {CheckOutcome.OK}
 
 
 def test_config_check_refuses_what_cannot_be_and_says_what_is_doubtful(tmp_path) -> None:

@@ -50,7 +50,7 @@ def test_machine_code_is_kept_for_exactly_this_program_and_never_beside_it(progr
     assert before_and_after(program, cache) == ["False", "True"]
     assert before_and_after(program, cache) == ["True", "True"]
     # A function holds what it takes from other modules: a change in one of them makes it another function.
-    with (program / "gse" / "constants.py").open("a", encoding="utf-8") as file:
+    with (program / "gse" / "values" / "constants.py").open("a", encoding="utf-8") as file:
         file.write("\n# Changed.\n")
     assert before_and_after(program, cache) == ["False", "True"]
     assert set(program.rglob("*")) == files

@@ -11,7 +11,7 @@ from devices.command_line import runner
 
 from drivers.chunk import Chunk
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import RX, Message
+from drivers.session_file.records import RX, RecordedMessage
 from drivers.session_file.verification import verify
 from drivers.session_file.written_bytes import BLOCK_BYTES, TAIL_BYTES
 from gse.recording.recorder import Recorder
@@ -51,7 +51,7 @@ def append(path: Path) -> None:
 
 
 def received(path: Path) -> bytes:
-    return b"".join(item.data for item in read_capture(path) if isinstance(item, Message) and item.topic == RX)
+    return b"".join(item.data for item in read_capture(path) if isinstance(item, RecordedMessage) and item.topic == RX)
 
 
 @pytest.mark.parametrize("harm", [flip, zero, truncate, append])

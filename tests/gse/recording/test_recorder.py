@@ -16,14 +16,14 @@ from devices.patience import PATIENCE_S
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.session_file.reader import Capture, read_capture
-from drivers.session_file.records import RX, Attachment, Message
+from drivers.session_file.records import RX, Attachment, RecordedMessage
 from drivers.session_file.writer import CaptureWriter
 from gse.recording.recorder import Recorder
 
 
 def received(path: Path) -> tuple[bytes, Capture]:
     capture = read_capture(path)
-    return b"".join(r.data for r in capture if isinstance(r, Message) and r.topic == RX), capture
+    return b"".join(r.data for r in capture if isinstance(r, RecordedMessage) and r.topic == RX), capture
 
 
 def chunks(count: int, size: int = 216) -> list[Chunk]:
@@ -342,7 +342,7 @@ def test_kill_9_loses_nothing_that_the_disk_was_given_and_that_is_all_as_soon_as
             given = int(process.stdout.readline())
         process.send_signal(signal.SIGKILL)
         given = max([given, *map(int, process.stdout.read().split())])
-    written = [record for record in read_capture(path) if isinstance(record, Message)]
+    written = [record for record in read_capture(path) if isinstance(record, RecordedMessage)]
     assert len(written) >= given
 
 

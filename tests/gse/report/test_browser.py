@@ -9,9 +9,9 @@ import pytest
 from devices.browser import Visits, browser
 from skies.synthetic_night import synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.report.files import write_report
 from gse.report.printing import find_browser, print_to_pdf
+from gse.verdict.assessment import judge
 
 
 @pytest.fixture(scope="module")

@@ -17,20 +17,19 @@ from rich.console import Console
 from skies.one_by_one import NO_STARS, add_frame
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.errors import UsageError
 from gse.process.jit import compiled_folder
 from gse.report import summarise
-from gse.report.files import write_report
+from gse.report.files import junit_xml, write_report
 from gse.report.frames_csv import frames_csv
-from gse.report.junit import junit_xml
-from gse.report.page import _CodeOnDisk, report_html
+from gse.report.page import _TemplateOnDisk, report_html
 from gse.report.summary import plain
 from gse.report.terminal import facts, plain_lines, print_verdict
 from gse.report.why import why_page
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.station.results import Status
 from gse.station.session_data import SessionData
+from gse.verdict.assessment import judge
 from protocols import StatusMessage
 
 FRAMES = 800
@@ -64,7 +63,9 @@ def failing() -> SessionData:
 
 def test_the_page_is_compiled_once_for_all_runs_and_without_a_place_for_it_each_time(tmp_path, page):
     assert list(compiled_folder().glob("__jinja2_*.cache"))
-    without = jinja2.Environment(loader=jinja2.DictLoader({"a": "b"}), bytecode_cache=_CodeOnDisk(str(tmp_path / "no")))
+    without = jinja2.Environment(
+        loader=jinja2.DictLoader({"a": "b"}), bytecode_cache=_TemplateOnDisk(str(tmp_path / "no"))
+    )
     assert without.get_template("a").render() == "b"
 
 

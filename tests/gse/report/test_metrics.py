@@ -8,7 +8,6 @@ import pytest
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.report import summarise
 from gse.report.metric_table import metric_table
 from gse.report.page import report_html
@@ -16,7 +15,8 @@ from gse.station.results import Subject
 from gse.statistics import session_statistics as room
 from gse.statistics.metrics import metrics
 from gse.statistics.session_statistics import statistics
-from gse.statistics.spatial_errors import MIN_STARS, Part, SpatialErrors, spatial_errors
+from gse.statistics.spatial_errors import MIN_STARS, ErrorPart, SpatialErrors, spatial_errors
+from gse.verdict.assessment import judge
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_the_starts_of_a_session_are_a_distribution(stats) -> None:
 
 
 def test_the_table_has_a_cell_for_each_axis_in_a_unit_that_makes_sense(stats) -> None:
-    part = Part(7200.0, 3600.0, 9000.0, 0.25)
+    part = ErrorPart(7200.0, 3600.0, 9000.0, 0.25)
     spatial = (SpatialErrors(part, part, part, 40, 400),) * 2
     lines = table_of(metrics(replace(stats, spatial=spatial)))
     assert lines["FOV spatial error, of a star"][3] == ("2.000 deg rms [1.000 deg, 2.500 deg]",) * 2 + ("–",)

@@ -5,13 +5,13 @@ import re
 import pytest
 from skies.synthetic_night import START_NS, synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError
 from gse.report import summarise
-from gse.report.junit import junit_xml
+from gse.report.files import junit_xml
 from gse.report.page import report_html
 from gse.report.terminal import plain_lines
+from gse.verdict.assessment import judge
 from protocols import StatusMessage
 
 BLOCK = """test:

@@ -14,18 +14,16 @@ from matplotlib.figure import Figure
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
-from gse.attitude import Attitude
-from gse.drawing.outline import field_outline_icrs
-from gse.drawing.palette import BLUE
-from gse.report.decimation import extremes, sample
-from gse.report.plot_data import PlotData, edge_of
+from gse.report.distribution_plots import power_density
+from gse.report.plot_data import PlotData, edge_of, extremes, sample
 from gse.report.sky_plots import draw_sky
-from gse.report.spectrum import power_density
 from gse.report.svg import WIDTH_IN, svg_of
 from gse.report.time_plots import draw_errors, line
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
 from gse.station.results import AnswerCheck, AttitudeError
 from gse.statistics.counted_frames import counted_frames
+from gse.values.attitude import Attitude
+from gse.view.drawing import BLUE, field_outline_icrs
 
 
 @given(st.integers(0, 4000), st.integers(0, 2**32 - 1), st.floats(0, 0.5))

@@ -6,9 +6,9 @@ from statistics import fmean
 import pytest
 from skies.known_nights import session as made_session
 
-from gse.assessment.verdict import judge
 from gse.report.paper import PAPER
 from gse.report.several import sessions_html, sessions_report
+from gse.verdict.assessment import judge
 
 
 @pytest.fixture(scope="module")

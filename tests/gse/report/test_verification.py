@@ -6,12 +6,11 @@ from dataclasses import replace
 import pytest
 from skies.synthetic_night import synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.errors import UsageError
 from gse.report.files import write_report
-from gse.report.fingerprint import fingerprint_in
-from gse.report.provenance import provenance
+from gse.report.provenance import fingerprint_in, provenance
 from gse.report.verification import Answer, compare_pages, read_page, verify
+from gse.verdict.assessment import judge
 
 
 def of(session):

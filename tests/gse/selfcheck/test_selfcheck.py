@@ -11,9 +11,8 @@ from devices.command_line import runner
 from drivers.chunk import Chunk
 from gse.process.installation import source_sha256
 from gse.selfcheck.check import selfcheck
-from gse.selfcheck.known_errors import KNOWN_ERRORS
-from gse.selfcheck.last_result import keep_result, last_result
-from gse.selfcheck.result import Row, SelfCheckResult
+from gse.selfcheck.made_session import KNOWN_ERRORS
+from gse.selfcheck.result import CheckedRow, SelfCheckResult, keep_result, last_result
 from gse.station.frame_table import FrameTable
 from gse.station.loop import StationLoop
 from gse.station.setup import versions
@@ -157,7 +156,7 @@ def test_the_command_prints_injected_and_found_and_keeps_the_result(capsys, monk
     assert kept.to_json() == document
 
 
-ROW = Row("no error", "onboard dRA*", "arcsec", 0.0, 0.01, 0.1)
+ROW = CheckedRow("no error", "onboard dRA*", "arcsec", 0.0, 0.01, 0.1)
 
 
 def result_of(*rows, **changes):

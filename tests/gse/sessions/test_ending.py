@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from gse.sessions.ending import SAME_PRESS_S, Ending
+from gse.sessions.live import SAME_PRESS_S, Ending
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.attitude import Attitude
 from gse.sessions.expected_answers import compare_answers, read_answers
+from gse.values.attitude import Attitude
 
 ARCSEC = 1 / 3600
 

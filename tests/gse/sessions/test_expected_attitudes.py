@@ -9,15 +9,15 @@ from devices.command_line import runner
 from devices.programs import program
 from skies.one_by_one import Made, result_of
 
-from gse.attitude_convention import AttitudeConvention, read_quaternions, state_angles, state_quaternions
 from gse.external.answers import parse_answer
 from gse.external.identifier import Given
-from gse.panorama import Panorama
 from gse.sessions.expected_attitudes import ExpectedAttitudes
 from gse.sessions.replay import replay_session
 from gse.station.attitude_table import AttitudeTable
 from gse.station.own_answers import measured_rotations, paired
 from gse.station.results import Status, Subject
+from gse.values.attitude_convention import AttitudeConvention, read_quaternions, state_angles, state_quaternions
+from gse.values.panorama import Panorama
 from protocols import AttitudeMessage, load_protocol
 
 SESSION = Path(__file__).parents[3] / "replays" / "golden" / "own-answers.mcap"

@@ -8,8 +8,8 @@ from devices.patience import PATIENCE_S
 from skies.one_by_one import add_frame, results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.sessions.forecast import Forecast, forecast_text, snapshot
+from gse.verdict.assessment import judge
 from gse.view.live_state import LiveState
 
 

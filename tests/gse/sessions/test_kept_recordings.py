@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from gse.config.station import read_station
-from gse.mount import MountUncertainty
 from gse.sessions.replay import replay_session
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
+from gse.values.mount import MountUncertainty
 
 KEPT = Path(__file__).parents[3] / "replays" / "kept-0.1.0"
 EXPECTED = json.loads((KEPT / "expected.json").read_text())

@@ -12,19 +12,19 @@ import pyarrow.parquet as pq
 import pytest
 from skies.synthetic_night import START_NS, small_catalog, synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.report import summarise
 from gse.report.files import write_report
+from gse.report.parquet import write_parquet
+from gse.report.result_key import ResultKey
 from gse.sessions import kept_results
 from gse.sessions.judged import Judged, judged_session, result_key
 from gse.sessions.kept_results import CONTEXT, KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import replay_session
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.station.session_data import SessionData
 from gse.station.setup import versions
-from gse.tables import ResultKey
-from gse.tables.parquet import write_parquet
 from gse.truth import Alignment
+from gse.verdict.assessment import judge
 from protocols import AttitudeMessage, StatusMessage
 
 GOLDEN = Path(__file__).parents[3] / "replays" / "golden"

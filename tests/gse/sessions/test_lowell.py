@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gse.sessions.replay import replay_session
-from gse.station.frame_table import SKY_CONDITIONS, STATUSES
+from gse.station.columns import SKY_CONDITIONS, STATUSES
 from gse.station.mount_alignment import MeasuredMounts
 from gse.station.results import SkyCondition, Status
 from gse.station.session_data import SessionData

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gse.attitude import Attitude
 from gse.sessions.replay import ReplayOptions, replay_session
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
+from gse.values.attitude import Attitude
 
 NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
 TRUTH: dict[str, Any] = json.loads((NIGHT_SKY / "truth.json").read_text())

@@ -13,12 +13,11 @@ from skies.known_nights import NONE, START_NS, frame, session, unanswered
 from skies.one_by_one import results_of
 
 from drivers.outside_text import is_plain
-from gse import instant
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
-from gse.sessions.status_document import read_status
-from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, session_folders
+from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, read_status, session_folders
 from gse.station.notes import Notes
+from gse.values import instant
 from gse.view.live_state import LiveState
 
 

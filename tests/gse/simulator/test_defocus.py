@@ -5,9 +5,9 @@ import pytest
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError
-from gse.instant import NS_PER_S
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import parse_scenario
+from gse.values.instant import NS_PER_S
 
 TEXT = "text: mine\noptics: {magnitude_noise: 0, defocus: [[0, 1], [10, 2]]}\n"
 

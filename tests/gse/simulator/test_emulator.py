@@ -17,11 +17,10 @@ from drivers.link import SerialLink
 from gse.cli.emulate import command
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
-from gse.inspection.check import Outcome
+from gse.inspection.plausibility import CheckOutcome
 from gse.inspection.preflight import checks
 from gse.simulator.device import detector_of, firmware_of, scenario_of
-from gse.simulator.emulator import Emulator
-from gse.simulator.endpoints import Endpoint, TcpEndpoint
+from gse.simulator.emulator import Emulator, Endpoint, TcpEndpoint
 from gse.simulator.firmware import Detector
 from gse.simulator.pty_endpoint import PtyEndpoint
 from protocols import (
@@ -151,7 +150,7 @@ def test_preflight_finds_the_baud_rate_of_a_faster_sensor(detector: Detector, tm
     with emulated(PtyEndpoint(), detector) as address:
         text = BUILT_IN_TEXT.replace("url: sim://", f"url: {address}\n  baudrate: {BAUDRATE // 2}")
         check = next(check for check in checks(parse_station(text), tmp_path, 1.0) if check.name == "port")
-    assert check.outcome is Outcome.FAIL
+    assert check.outcome is CheckOutcome.FAIL
     assert f"valid frames come with port.baudrate: {BAUDRATE}" in check.advice
 
 

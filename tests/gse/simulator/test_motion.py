@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gse.mount import Mount
-from gse.simulator.pointing import horizon_to_sensor, moved_by
 from gse.simulator.scenario import Host, Motion, parse_scenario
+from gse.simulator.scene import horizon_to_sensor, moved_by
+from gse.values.mount import Mount
 
 ARCSEC = np.pi / 648000
 REST = horizon_to_sensor(Mount(azimuth_deg=130, altitude_deg=60, roll_deg=25))

@@ -7,7 +7,6 @@ import pytest
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError
 from gse.recording.session_format import RecordedTimings
@@ -16,6 +15,7 @@ from gse.simulator.scenario import load_scenario, parse_scenario, profile_at, sc
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
+from gse.verdict.assessment import judge
 
 RATES_HZ = {"twilight": 0.2, "wrong-focal-length": 1}
 """Fewer frames than the scenario says, but enough for a verdict: 299 for the false answers, fewer where all fails."""

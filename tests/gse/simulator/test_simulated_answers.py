@@ -5,7 +5,6 @@ import pytest
 
 from drivers.errors import UrlError
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import NS_PER_S, from_text
 from gse.simulator.device import device_factory
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.scenario import parse_scenario
@@ -13,6 +12,7 @@ from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import AttitudeTable
 from gse.station.own_answers import OwnAnswerTruth, measured_rotations
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.instant import NS_PER_S, from_text
 from protocols import AttitudeMessage, FrameDecoder, PanoramaMessage, load_protocol
 
 START_NS = from_text("2026-03-20T15:00:00Z")

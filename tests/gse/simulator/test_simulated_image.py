@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.imaging.extraction import extract_sub_pixel
-from gse.instant import NS_PER_S, from_text
-from gse.simulator.bodies import MOON, NAMES, SUN, bodies_over
 from gse.simulator.image import ImageSource
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.photometry import Photometry
-from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.scenario import Scenario
-from gse.simulator.scene import Scene
-from gse.simulator.sky import AstropySite
-from gse.simulator.skylight import sky_magnitude
+from gse.simulator.scene import SimulatedScene, horizon_to_sensor, sky_magnitude
+from gse.simulator.sky import MOON, NAMES, SUN, AstropySite, bodies_over
+from gse.values.instant import NS_PER_S, from_text
 
 STATION = parse_station(BUILT_IN_TEXT)
 SITE = AstropySite(STATION.site)
@@ -35,7 +32,7 @@ def source(setting: Scenario, station: Station = STATION, seed: int = 1) -> Imag
 
 def stars_of(setting: Scenario, faintest: float, station: Station = STATION) -> tuple[NDArray[Any], NDArray[Any]]:
     """Pixels and magnitudes of the stars inside the detector."""
-    scene = Scene(setting.device_for(station), setting, np.random.default_rng(1))
+    scene = SimulatedScene(setting.device_for(station), setting, np.random.default_rng(1))
     (xy_px,), magnitude = scene.objects(setting.start_utc_ns, 9.0)
     inside = (xy_px > 5).all(axis=1) & (xy_px < 1018).all(axis=1) & (magnitude < faintest)
     return xy_px[inside], magnitude[inside]

@@ -10,13 +10,13 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from gse.catalog import load_catalog
-from gse.instant import NS_PER_S, from_text, to_text
-from gse.mount import Mount
-from gse.simulator.pointing import horizon_to_sensor
+from gse.simulator.scene import horizon_to_sensor
 from gse.simulator.sky import AstropySite, Sky, orientation_table
-from gse.site import Site
 from gse.truth import EarthOrientation, SiderealTruth
-from gse.truth.mounting import horizon_to_sensor as horizon_to_sensor_of_truth
+from gse.truth.frames import horizon_to_sensor as horizon_to_sensor_of_truth
+from gse.values.instant import NS_PER_S, from_text, to_text
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 ARCSEC = math.radians(1 / 3600)
 SITE = Site(

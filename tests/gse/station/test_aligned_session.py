@@ -7,10 +7,10 @@ from skies.astropy_night import ALTITUDE_DEG, AZIMUTH_DEG, ROLL_DEG, START_NS, S
 from gse.catalog import load_catalog
 from gse.config.station import parse_station
 from gse.identifier import make_identifier
-from gse.instant import NS_PER_S
-from gse.mount import Mount
 from gse.station.loop import StationLoop
 from gse.station.setup import Setup
+from gse.values.instant import NS_PER_S
+from gse.values.mount import Mount
 from protocols import load_protocol
 
 NOISE_PX = 0.1

@@ -1,7 +1,7 @@
 """The operator is told once, clearly."""
 
 from drivers.chunk import LinkEvent
-from gse.station.announcer import Announcer
+from gse.view.status import Announcer
 
 
 def test_each_kind_of_event_is_said_once_and_then_counted() -> None:

@@ -3,11 +3,11 @@
 import pytest
 
 from drivers.chunk import LinkEvent
-from gse.instant import NS_PER_S
-from gse.station.arrivals import CLOCK_STEP_NS, Arrivals, _step_in_words, chaos_in_words
 from gse.station.byte_stream import FrameAt
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
+from gse.station.reception import CLOCK_STEP_NS, Arrivals, _step_in_words, chaos_in_words
 from gse.station.results import LinkCounters
+from gse.values.instant import NS_PER_S
 from protocols import Arrival, Frame, load_protocol
 
 FRAME = Frame(0, 40, "PANORAMA", 0, 1, b"", 40)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.attitude import Attitude
 from gse.station.attitude_error import attitude_error, attitude_errors
+from gse.values.attitude import Attitude
 
 
 @pytest.mark.parametrize(("ra", "de"), [(0.0, 0.0), (359.99999, 45.0), (123.0, 89.9999), (10.0, -90.0), (200.0, 90.0)])

@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skies.one_by_one import Made
 
-from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
-from gse.instant import NS_PER_S
-from gse.panorama import Panorama
 from gse.station.camera_watch import CameraWatch, _in_words
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 from gse.station.results import Status
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S
+from gse.values.panorama import Panorama
 
 TRUE = Camera(1024, 1024, 4300.0, (511.5, 511.5))
 STATED = replace(TRUE, focal_length_px=1.03 * 4300.0)

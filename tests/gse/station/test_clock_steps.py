@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from drivers.chunk import LinkEvent
-from gse.instant import LAST_NS, NS_PER_S, from_text
 from gse.station.clock_steps import (
     ClockStretch,
     clock_steps,
@@ -13,8 +12,9 @@ from gse.station.clock_steps import (
     instants_ns,
     wrong_by_ns,
 )
-from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
+from gse.station.events import ClockStep, StationKind
+from gse.values.instant import LAST_NS, NS_PER_S, from_text
 
 SECOND = NS_PER_S
 

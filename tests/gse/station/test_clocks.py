@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from devices.injected_clocks import START_NS, InjectedClocks, Sky
 
-from gse.assessment.verdict import judge
-from gse.instant import LAST_NS, NS_PER_S, from_text
 from gse.report import summarise
 from gse.station.clock_steps import clock_steps, first_rows, wrong_by_ns
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause
 from gse.station.results import Verdict
 from gse.statistics.session_statistics import statistics
+from gse.values.instant import LAST_NS, NS_PER_S, from_text
+from gse.verdict.assessment import judge
 
 YEAR_S = 365.25 * 86_400
 SINCE_1970_S = START_NS / NS_PER_S

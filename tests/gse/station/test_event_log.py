@@ -3,9 +3,9 @@
 import pytest
 
 from drivers.chunk import LinkEvent
-from gse.instant import LAST_NS
 from gse.recording.session_format import MOST_KINDS, OTHER
-from gse.station.event_log import MOST_EVENTS, MOST_OF_A_KIND, EventLog
+from gse.station.events import MOST_EVENTS, MOST_OF_A_KIND, EventLog
+from gse.values.instant import LAST_NS
 
 
 def event(kind, utc_ns=1):

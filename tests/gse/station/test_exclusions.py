@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from gse.errors import UsageError
-from gse.instant import LAST_NS, NS_PER_S, from_text
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.columns import FRAME
+from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion, _burst, _read_at_once, excluded, exclusions, parse_exclusion
-from gse.station.frame_table import FRAME
+from gse.values.instant import LAST_NS, NS_PER_S, from_text
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 

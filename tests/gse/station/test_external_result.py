@@ -11,19 +11,16 @@ from scipy.spatial.transform import Rotation
 from skies.made_frames import FIELD_14_DEG
 from skies.one_by_one import Light, lights_of
 
-from gse.attitude import Attitude
 from gse.catalog import load_catalog
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.identifier import ExternalIdentifier, Given
 from gse.identifier import Identification, Reason, Unidentified
-from gse.instant import from_text
-from gse.mount import Mount
-from gse.panorama import Panorama, Panoramas
-from gse.site import Site
 from gse.station.attitude_error import attitude_errors
-from gse.station.external_result import (
+from gse.station.columns import ANSWER_CHECKS
+from gse.station.frame_processor import (
     _CROSS,
-    answers_of,
+    FrameProcessor,
+    external_answers_of,
     geometric_of,
     has_roll,
     identification_of,
@@ -31,12 +28,15 @@ from gse.station.external_result import (
     status_of,
     with_roll,
 )
-from gse.station.frame_processor import FrameProcessor
-from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.identified import Identified
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, Status
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.attitude import Attitude
+from gse.values.instant import from_text
+from gse.values.mount import Mount
+from gse.values.panorama import Panorama, Panoramas
+from gse.values.site import Site
 
 ARCSEC = math.pi / 648_000
 ATTITUDE = Attitude.from_angles(120.0, 35.0, 50.0)
@@ -208,7 +208,7 @@ def test_panoramas_without_a_fault_are_asked_for_and_what_is_given_for_each_has_
     source = Timed(Given(answer_of(catalog, [3, 8], [0, 2]), 42.06), Given(no_answer(), None), Given(crash, 1000.04))
     panoramas = Panoramas.of([made_panorama(number) for number in range(4)])
     identifier = ExternalIdentifier(catalog, source)
-    answers, attitudes, elapsed_us, given = answers_of(identifier, panoramas, {1: FAULT})
+    answers, attitudes, elapsed_us, given = external_answers_of(identifier, panoramas, {1: FAULT})
     assert source.asked == [0, 2, 3]
     assert sorted(given) == [0, 2, 3]
     assert (answers[0].objects.tolist(), answers[0].stars.tolist()) == ([0, 2], [3, 8])
@@ -225,7 +225,7 @@ def identified_of(catalog, *given, panoramas=None):
     """What follows from three panoramas, of which the second is a fault of the sensor."""
     identifier = ExternalIdentifier(catalog, Timed(*given))
     panoramas = panoramas or Panoramas.of([made_panorama(number) for number in range(3)])
-    answers, attitudes, elapsed_us, by_panorama = answers_of(identifier, panoramas, {1: FAULT})
+    answers, attitudes, elapsed_us, by_panorama = external_answers_of(identifier, panoramas, {1: FAULT})
     light = lights_of([Light(k, 14.0 + k, 5.0, 100.0) for k in range(3)])
     checks = [ANSWER_CHECKS.index(one) for one in (AnswerCheck.FALSE, AnswerCheck.UNKNOWN, AnswerCheck.ABSENT)]
     identified = Identified(

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from skies.synthetic_night import synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.report.summary import summarise
+from gse.station.columns import FRAME
 from gse.station.frame_columns import ColumnStore, FrameColumns, InOrder
-from gse.station.frame_table import FRAME, MATCH, FrameTable
+from gse.station.frame_table import MATCH, FrameTable
+from gse.verdict.assessment import judge
 
 MIB = 1 << 20
 NO_MATCHES = np.zeros(0, MATCH)

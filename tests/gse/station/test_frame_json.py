@@ -7,10 +7,10 @@ import pytest
 from skies.known_nights import START_NS, frame, unanswered
 from skies.one_by_one import Stars, result_of
 
-from gse.attitude import Attitude
 from gse.identifier import Identification
 from gse.station.frame_json import frame_json
 from gse.station.results import AttitudeError
+from gse.values.attitude import Attitude
 
 ERROR = AttitudeError(1.23456, -2.34567, 345.67891, 1.0, 2.0)
 ATTITUDE = Attitude.from_angles(123.456789312, -45.678901234, 12.345678901)

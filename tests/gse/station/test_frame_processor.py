@@ -11,22 +11,22 @@ from skies.known_nights import START_NS, TRUTH
 from skies.made_frames import FIELD_14_DEG
 from skies.one_by_one import attitudes_of, others_of
 
-from gse.attitude import Attitude, paper_mean
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.external.answers import ExternalAnswer
 from gse.external.identifier import ExternalIdentifier, Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
-from gse.mount import InertialDirection, Mount
-from gse.panorama import Panorama, Panoramas
 from gse.station.attitude_error import attitude_error
+from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_processor import FrameProcessor
-from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.identified import Identified
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, Matches, Starlight, Status
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.attitude import Attitude, paper_mean
+from gse.values.mount import InertialDirection, Mount
+from gse.values.panorama import Panorama, Panoramas
 
 BORESIGHT = Attitude.from_angles(83.0, 0.0, 20.0)
 ACROSS = np.cross(BORESIGHT.boresight_icrs, [0.0, 0.0, 1.0])

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from skies.one_by_one import Light, Made, Stars, results_of
 
-from gse.attitude import Attitude
 from gse.external.answers import Failure, FailureKind
 from gse.external.identifier import Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
-from gse.panorama import Panorama
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, OTHER, STATUSES
+from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import KINDS
 from gse.station.results import AnswerCheck, AttitudeError, Status
+from gse.values.attitude import Attitude
+from gse.values.panorama import Panorama
 
 RAW, GEOMETRIC, TRUE = (Attitude.from_angles(10.0 + k, -20.0 + k, 30.0 + k) for k in range(3))
 ERROR = AttitudeError(1.0, 2.0, 3.0, 4.0, 5.0)

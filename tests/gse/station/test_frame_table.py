@@ -8,10 +8,11 @@ from skies.one_by_one import Light, Made, Stars, add_frame, results_of
 from skies.synthetic_night import synthetic_frames
 
 from gse.identifier import Identification
-from gse.panorama import Panorama
 from gse.station import frame_table
-from gse.station.frame_table import FRAME, MATCH, OTHER, FrameTable
+from gse.station.columns import FRAME
+from gse.station.frame_table import MATCH, OTHER, FrameTable
 from gse.station.results import Status
+from gse.values.panorama import Panorama
 
 
 def test_every_frame_and_every_match_of_a_short_night_is_kept():

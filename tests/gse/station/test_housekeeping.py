@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gse.instant import NS_PER_S
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
 from gse.station.housekeeping import MODES, Mode, fill_housekeeping, firmware_text, in_words, latest_status
+from gse.values.instant import NS_PER_S
 from protocols import StatusMessage
 
 

@@ -17,12 +17,9 @@ from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.external.identifier import ExternalIdentifier
-from gse.instant import NS_PER_DAY, NS_PER_S, from_text
-from gse.mount import Mount
-from gse.panorama import Panorama, Panoramas
 from gse.recording.session_format import RecordedTimings
 from gse.sessions.replay import ReplayOptions
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import StationLoop
 from gse.station.reception import Received
@@ -30,6 +27,9 @@ from gse.station.results import OwnAnswer, Status, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.instant import NS_PER_DAY, NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.panorama import Panorama, Panoramas
 from protocols import Ack, AttitudeMessage, PanoramaMessage, StatusMessage, load_protocol
 
 START_NS = 1_774_018_800 * NS_PER_S

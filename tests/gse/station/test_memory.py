@@ -10,11 +10,11 @@ import pytest
 from skies.one_by_one import NO_STARS, Made, add_frames
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
-from gse.assessment.verdict import judge
 from gse.report.plot_data import PlotData
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
+from gse.verdict.assessment import judge
 
 FRAMES = 10_000
 

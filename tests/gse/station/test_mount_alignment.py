@@ -5,17 +5,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skies.one_by_one import Made, Stars, add_frame
 
-from gse.attitude import Attitude
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError, UsageError
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
-from gse.panorama import Panorama
 from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_validated, persistent_arcsec2
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
+from gse.values.attitude import Attitude
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.panorama import Panorama
 
 ARCSEC = np.pi / 180 / 3600
 START_NS = from_text("2026-03-20T18:30:00Z")

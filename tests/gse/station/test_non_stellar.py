@@ -8,14 +8,14 @@ from astropy.time import Time
 from astropy.utils import iers
 from skies.one_by_one import others_of
 
-from gse.attitude import Attitude
-from gse.camera import Camera
 from gse.identifier import Answers, Identification, Reason, Unidentified
-from gse.instant import NS_PER_S, from_text
-from gse.panorama import Panorama, Panoramas
-from gse.site import Site
 from gse.station.non_stellar import HOT_PIXEL, MAX_REMEMBERED, UNKNOWN, NonStellarObjects, _Sightings
 from gse.truth.solar_system import BODIES, bodies_icrs
+from gse.values.attitude import Attitude
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.panorama import Panorama, Panoramas
+from gse.values.site import Site
 
 CAMERA = Camera(1024, 1024, 4170.0, (511.5, 511.5))
 SITE = Site(latitude_deg=-6.53, longitude_deg=106.7)

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TRUTH
 
-from gse.attitude import Attitude
-from gse.attitude_convention import AttitudeConvention, state_angles
-from gse.mount import Mount
 from gse.station.attitude_error import attitude_errors
-from gse.station.own_answer_results import OwnAnswerProcessor, _looking_at
-from gse.station.own_answers import OwnAnswerTruth, field_of
+from gse.station.own_answers import OwnAnswerProcessor, OwnAnswerTruth, _looking_at, field_of
 from gse.station.results import OwnAnswer, Status
 from gse.truth import SiderealTruth, horizon_to_sensor
+from gse.values.attitude import Attitude
+from gse.values.attitude_convention import AttitudeConvention, state_angles
+from gse.values.mount import Mount
 from protocols import AttitudeMessage
 
 AS_BUILT_IN = AttitudeConvention()

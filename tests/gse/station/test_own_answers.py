@@ -9,26 +9,33 @@ from skies.known_nights import START_NS, TABLE, TRUTH
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
-from gse.assessment.verdict import judge
-from gse.attitude import Attitude
-from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
-from gse.camera import Camera
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import NS_PER_S
-from gse.mount import Mount
 from gse.report import summarise
 from gse.report.frames_csv import frames_csv
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER, QUATERNION
 from gse.station.loop import StationLoop
-from gse.station.own_answer_results import OwnAnswerProcessor
-from gse.station.own_answers import _NEAR, OwnAnswerTruth, _fitted, _triad, field_of, measured_rotations
+from gse.station.own_answers import (
+    _NEAR,
+    OwnAnswerProcessor,
+    OwnAnswerTruth,
+    _fitted,
+    _triad,
+    field_of,
+    measured_rotations,
+)
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
 from gse.station.setup import set_up
 from gse.statistics.decision import Outcome
 from gse.truth import horizon_to_sensor
 from gse.truth.frames import icrs_to_frame
+from gse.values.attitude import Attitude
+from gse.values.attitude_convention import AttitudeConvention, state_angles, state_quaternions
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S
+from gse.values.mount import Mount
+from gse.verdict.assessment import judge
 from protocols import AttitudeMessage, parse_protocol
 
 QUATERNIONS_ONLY = """

@@ -11,15 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.chunk import Chunk, LinkEvent
-from gse.instant import LAST_NS
-from gse.panorama import Panorama
-from gse.parts import Parts
-from gse.station.arrivals import chaos_in_words
-from gse.station.reception import News, Reception, _brightest_first
+from gse.station.reception import News, Reception, SensorClock, _brightest_first, chaos_in_words
 from gse.station.results import OwnAnswer
-from gse.station.sensor_clock import SensorClock
+from gse.values.instant import LAST_NS
+from gse.values.panorama import Panorama, Parts
 from protocols import Ack, AttitudeMessage, PanoramaMessage, StatusMessage, load_protocol, parse_protocol
-from protocols.frame_budget import SLACK
+from protocols.sequence import SLACK
 
 PROTOCOL = load_protocol("panorama-v1")
 Item = Panorama | News

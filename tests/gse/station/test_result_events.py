@@ -12,12 +12,12 @@ from gse.config.station import BUILT_IN_TEXT
 from gse.external.answers import Failure, FailureKind
 from gse.external.identifier import Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
-from gse.instant import NS_PER_S
-from gse.mount import InertialDirection, Mount
-from gse.panorama import Panorama
-from gse.station.result_events import ResultEvents
+from gse.station.loop import ResultEvents
 from gse.station.results import Status
 from gse.station.session_data import SessionData
+from gse.values.instant import NS_PER_S
+from gse.values.mount import InertialDirection, Mount
+from gse.values.panorama import Panorama
 
 FOUND = Identification(np.arange(0), np.arange(0), 1e-9)
 

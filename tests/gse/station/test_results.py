@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from skies.one_by_one import DARK, NO_STARS, Light, Made, Stars, lights_of, matches_of, result_of
 
-from gse.panorama import Panorama
 from gse.station.results import (
     AnswerCheck,
     LinkCounters,
@@ -17,6 +16,7 @@ from gse.station.results import (
     Starlight,
     Status,
 )
+from gse.values.panorama import Panorama
 from protocols import AttitudeMessage
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from gse.instant import NS_PER_S
-from gse.station.sensor_clock import SensorClock
+from gse.station.reception import SensorClock
+from gse.values.instant import NS_PER_S
 
 UTC_MINUS_MONO_NS = 1_700_000_000 * NS_PER_S
 

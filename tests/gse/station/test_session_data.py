@@ -4,7 +4,7 @@ import pytest
 from skies.known_nights import STATION
 
 from gse.config.station import BUILT_IN_TEXT
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from devices.programs import program
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
@@ -17,8 +16,6 @@ from gse.external.answers import ExternalAnswer, FailureKind
 from gse.external.identifier import ExternalIdentifier
 from gse.external.panoramas import WireUnit
 from gse.identifier.robust import stars_looked_at
-from gse.instant import from_text
-from gse.panorama import Panorama
 from gse.station.setup import (
     ORION_RA_DE_DEG,
     PACKAGES,
@@ -35,6 +32,9 @@ from gse.station.setup import (
     set_up,
     versions,
 )
+from gse.values.camera import Camera
+from gse.values.instant import from_text
+from gse.values.panorama import Panorama
 from protocols import load_protocol
 
 MOTION_MAS_PER_YEAR = 1000.0

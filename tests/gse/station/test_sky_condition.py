@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.sky_condition import (
     ClearSky,

@@ -8,24 +8,35 @@ import pytest
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.attitude import Attitude
-from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
 from gse.recording.session_format import RecordedTimings
 from gse.simulator import device_factory
-from gse.site import Site
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
 from gse.station.loop import StationLoop
 from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
-from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of, evidence_of, words_of
-from gse.station.sky_watch import WINDOW_NS, SkyWatch, _is_outside, separation_deg, stars_in_field
-from gse.truth.mounting import horizon_to_sensor
+from gse.station.sky_condition import (
+    WINDOW_NS,
+    ClearSky,
+    Lights,
+    SkyEvidence,
+    SkyWatch,
+    _is_outside,
+    condition_of,
+    evidence_of,
+    separation_deg,
+    stars_in_field,
+    words_of,
+)
+from gse.truth.frames import horizon_to_sensor
 from gse.truth.solar_system import icrs_to_horizon, sun_and_moon_horizon
+from gse.values.attitude import Attitude
+from gse.values.camera import Camera
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 STATION = parse_station(BUILT_IN_TEXT)
 CATALOG = load_catalog(stars=4200)

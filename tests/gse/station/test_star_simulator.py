@@ -8,17 +8,17 @@ import pytest
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
-from gse.assessment.verdict import judge
-from gse.attitude import Attitude
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError
-from gse.instant import NS_PER_S, from_text
 from gse.report import summarise
 from gse.station.loop import StationLoop
 from gse.station.results import Verdict
 from gse.station.setup import set_up
 from gse.statistics.decision import Outcome
+from gse.values.attitude import Attitude
+from gse.values.instant import NS_PER_S, from_text
+from gse.verdict.assessment import judge
 from protocols import AttitudeMessage, PanoramaMessage
 
 DAY_NS = from_text("2026-06-21T05:00:00Z")

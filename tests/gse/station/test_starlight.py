@@ -8,9 +8,9 @@ import pytest
 from skies.one_by_one import DARK, Light, lights_of
 
 from gse.identifier import Answers, Identification, Reason, Unidentified
-from gse.parts import Parts
 from gse.station.sky_condition import Lights, SkyEvidence, glared
 from gse.station.starlight import _medians, rows_of, starlights
+from gse.values.panorama import Parts
 
 CATALOG = SimpleNamespace(magnitude=np.array([1.0, 2.0, 3.0, 5.0, 6.5]))
 

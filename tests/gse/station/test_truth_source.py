@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gse.instant import NS_PER_DAY, NS_PER_S, from_text
-from gse.mount import InertialDirection
-from gse.site import Site
-from gse.station.truth_source import TruthSource
+from gse.station.loop import TruthSource
 from gse.truth import EarthOrientation
+from gse.values.instant import NS_PER_DAY, NS_PER_S, from_text
+from gse.values.mount import InertialDirection
+from gse.values.site import Site
 
 SITE = Site(latitude_deg=48.0, longitude_deg=11.0)
 NOW_NS = from_text("2026-03-20T18:30:00Z")

@@ -8,14 +8,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from skies.made_frames import FIELD_14_DEG
 
-from gse.attitude import Attitude, solve_attitude
 from gse.catalog import load_catalog
 from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.neighbour import NeighbourIdentifier
-from gse.identifier_options import IdentifierOptions
-from gse.site import Site
 from gse.station.unnamed_stars import LeftOutStars, SolvedFrames, _free, _nearest
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
+from gse.values.attitude import Attitude, solve_attitude
+from gse.values.identifier_options import IdentifierOptions
+from gse.values.site import Site
 
 AIR = Refraction.at(Site(latitude_deg=48.0, longitude_deg=11.0, height_m=300.0))
 LOOKING = Attitude.from_angles(83.0, 0.0, 20.0).icrs_to_sensor

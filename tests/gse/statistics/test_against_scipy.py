@@ -7,8 +7,8 @@ import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
 
-from gse.attitude import solve_attitude
-from gse.statistics.theil_sen import theil_sen
+from gse.statistics.slopes import theil_sen
+from gse.values.attitude import solve_attitude
 
 ARCSEC = math.radians(1 / 3600)
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from gse.attitude import Attitude
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
 from gse.station.own_answers import SensorAnswers
-from gse.statistics.answer_differences import answer_differences
+from gse.statistics.onboard_equivalence import answer_differences
+from gse.values.attitude import Attitude
 
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
 

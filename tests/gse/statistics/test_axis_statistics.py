@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from gse.instant import NS_PER_S
 from gse.statistics.axis_statistics import (
     WINDOW_S,
     AxisStatistics,
@@ -19,6 +18,7 @@ from gse.statistics.axis_statistics import (
     quick_errors,
 )
 from gse.statistics.sampling import error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
+from gse.values.instant import NS_PER_S
 
 
 def axis(error, step_s=0.1):

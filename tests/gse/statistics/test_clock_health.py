@@ -9,7 +9,7 @@ from skies.known_nights import START_NS, session
 
 from drivers.clock import ClockReading
 from gse.errors import UsageError
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.statistics.clock_health import _longest_stretch, clock_health, stated_error_s
 
 

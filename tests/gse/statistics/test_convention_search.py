@@ -10,8 +10,26 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 from skies.known_nights import START_NS, STATION, TRUTH, session
 
-from gse.assessment.verdict import judge
-from gse.attitude_convention import (
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.station.own_answers import OwnAnswerTruth
+from gse.station.results import Subject, Verdict
+from gse.statistics.decision import Outcome
+from gse.statistics.sensor_convention import (
+    FEWEST,
+    Evidence,
+    _candidates,
+    _cosines,
+    _mean_and_change,
+    _misfit,
+    _plainness,
+    in_words,
+    search_convention,
+    session_convention,
+    with_aberration,
+)
+from gse.truth import EarthOrientation, SiderealTruth
+from gse.truth.frames import icrs_to_frame
+from gse.values.attitude_convention import (
     AttitudeConvention,
     from_quaternions,
     proper_axes,
@@ -20,27 +38,10 @@ from gse.attitude_convention import (
     state_quaternions,
     to_quaternions,
 )
-from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.constants import ARCSEC_RAD
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
-from gse.station.own_answers import OwnAnswerTruth
-from gse.station.results import Subject, Verdict
-from gse.statistics.convention_search import (
-    FEWEST,
-    Evidence,
-    _candidates,
-    _cosines,
-    _mean_and_change,
-    _misfit,
-    _plainness,
-    search_convention,
-    with_aberration,
-)
-from gse.statistics.decision import Outcome
-from gse.statistics.sensor_convention import in_words, session_convention
-from gse.truth import EarthOrientation, SiderealTruth
-from gse.truth.frames import icrs_to_frame
+from gse.values.constants import ARCSEC_RAD
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.verdict.assessment import judge
 from protocols import AttitudeMessage
 
 UTC_NS = START_NS + np.arange(60) * NS_PER_S

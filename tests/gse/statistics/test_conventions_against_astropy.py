@@ -8,17 +8,15 @@ from scipy.spatial.transform import Rotation
 from skies.one_by_one import Made, add_frame
 
 from gse.config.station import parse_station
-from gse.instant import NS_PER_S, from_text
-from gse.panorama import Panorama
 from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_sensor import mounted
-from gse.selfcheck.made_session import ALTITUDE_DEG, AZIMUTH_DEG, ROLL_DEG, SITE, STATION_TEXT
+from gse.selfcheck.made_session import ALTITUDE_DEG, AZIMUTH_DEG, ROLL_DEG, SITE, STATION_TEXT, mounted
 from gse.station.own_answers import measured_rotations
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
-from gse.statistics.convention_search import search_convention
-from gse.statistics.sensor_convention import evidence_of
+from gse.statistics.sensor_convention import evidence_of, search_convention
 from gse.truth import EarthOrientation
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.panorama import Panorama
 from protocols import AttitudeMessage
 
 UTC_NS = from_text("2026-03-20T11:00:00Z") + np.arange(61) * NS_PER_S

@@ -8,17 +8,17 @@ from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14
 from skies.known_nights import START_NS, STATION, frame, session
 from skies.one_by_one import Made, add_frame
 
-from gse.assessment.obstacles import missing_by_time, obstacles
-from gse.assessment.verdict import judge
-from gse.diagnosis.time_tags import time_tag_faults
+from gse.diagnosis.plain_findings import time_tag_faults
 from gse.errors import UsageError
-from gse.instant import NS_PER_S, from_text
-from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions, parse_exclusion
 from gse.station.frame_table import MATCH
 from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
 from gse.statistics.counted_frames import counted_frames, false_answers
 from gse.statistics.session_statistics import statistics
+from gse.values.instant import NS_PER_S, from_text
+from gse.verdict.assessment import judge
+from gse.verdict.obstacles import missing_by_time, obstacles
 
 CLEAR_ZERO_POINT_MAG = 14.0
 

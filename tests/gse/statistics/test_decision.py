@@ -5,7 +5,6 @@ import math
 import pytest
 import scipy.stats
 
-from gse.limits import Decision
 from gse.station.results import Subject
 from gse.statistics.decision import (
     Criterion,
@@ -20,6 +19,7 @@ from gse.statistics.decision import (
     share_outcome,
 )
 from gse.statistics.sampling import NO_BOUNDS, Bounds
+from gse.values.limits import Decision
 
 LIMIT = 60.0
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, session
 
-from gse.instant import NS_PER_S
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Cause, Exclusion
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.decision import Claim, Outcome, Row
 from gse.statistics.excuses import EXCUSES, LEFT_OUT, Evidence, Excuse, excused, excusing
+from gse.values.instant import NS_PER_S
 
 ABSENT, FALSE, WRONG = range(3)
 """Frames without an answer, with an answer of other stars, and far off by the clock alone."""

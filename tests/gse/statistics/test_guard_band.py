@@ -6,7 +6,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from gse.statistics.guard_band import exceeds, further_share, guard, keeps
+from gse.statistics.decision import exceeds, further_share, guard, keeps
 
 TRUTH_OF_4 = 4 / 1.645
 

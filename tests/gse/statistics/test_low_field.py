@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
-from gse.axis import D_DE
-from gse.budget.truth_budget import session_facts, truth_budget
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.diagnosis.vibration import without_shaking
-from gse.finding import Finding
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.diagnosis.fine_findings import without_shaking
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.statistics.decision import Claim, Outcome, Row
 from gse.statistics.excuses import AIR, Evidence
 from gse.statistics.low_field import air_in_field
 from gse.statistics.sensor_answers import by_other_stars_arcsec
+from gse.statistics.truth_budget import session_facts, truth_budget
+from gse.values.axis import D_DE
+from gse.values.finding import Finding
 from protocols import AttitudeMessage
 
 FAILED = Row(Subject.ONBOARD, "availability", 0.1, "", 0.95, Outcome.FAIL, "availability: 4 of 40 frames")

@@ -10,9 +10,8 @@ import pytest
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.metrics import is_drift_given, metrics
-from gse.statistics.percentiles import Percentiles
-from gse.statistics.sampling import Bounds
-from gse.statistics.spatial_errors import Part, SpatialErrors
+from gse.statistics.sampling import Bounds, Percentiles
+from gse.statistics.spatial_errors import ErrorPart, SpatialErrors
 
 NOTHING = axis_statistics(np.array([], dtype=np.int64), np.array([]))
 AXES = ("cross_x", "cross_y", "d_roll")
@@ -97,7 +96,7 @@ def test_errors_of_stars_are_those_of_their_axis_and_part_with_none_about_the_bo
     sizes = iter(range(6))
     spatial = tuple(
         SpatialErrors(
-            *(Part(*(10.0 * size + more for more in range(4))) for size in (next(sizes) for _ in "abc")), 40, 9
+            *(ErrorPart(*(10.0 * size + more for more in range(4))) for size in (next(sizes) for _ in "abc")), 40, 9
         )
         for _ in "xy"
     )

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from skies.known_nights import STATION
 
-from gse.instant import NS_PER_S, from_text
+from gse.station.columns import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
 from gse.station.exclusions import Cause
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
 from gse.statistics.decision import Claim, Outcome, Row
-from gse.statistics.excuses import CLOUD, Evidence
-from gse.statistics.no_sky import no_sky
+from gse.statistics.excuses import CLOUD, Evidence, no_sky
 from gse.truth.solar_system import sun_altitude_deg
+from gse.values.instant import NS_PER_S, from_text
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 BLIND = slice(400, 520)

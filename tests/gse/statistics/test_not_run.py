@@ -8,14 +8,14 @@ from devices.injected_clocks import InjectedClocks, Sky
 from skies.known_nights import START_NS, session
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
-from gse.assessment.verdict import judge
-from gse.instant import NS_PER_S
 from gse.station.loop import StationLoop
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Claim, Outcome, Row
 from gse.statistics.excuses import STOP, Evidence, lost_while_not_run
 from gse.statistics.session_statistics import statistics
+from gse.values.instant import NS_PER_S
+from gse.verdict.assessment import judge
 
 HELD = 5
 """Frames that the port holds while nobody reads it."""

@@ -7,10 +7,10 @@ import pytest
 from skies.known_nights import session
 
 from gse.diagnosis.sensor_findings import sensor_findings
-from gse.station.frame_table import FRAME, STATUSES
+from gse.station.columns import FRAME, STATUSES
 from gse.station.results import Status, Subject
 from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
-from gse.statistics.percentiles import Percentiles
+from gse.statistics.sampling import Percentiles
 from gse.statistics.session_statistics import sensor_masks, statistics
 from protocols import AttitudeMessage
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gse.statistics.percentiles import Percentiles, percentiles
+from gse.statistics.sampling import Percentiles, percentiles
 
 
 def test_percentiles_of_0_to_200_are_twice_their_numbers() -> None:

@@ -6,19 +6,12 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from gse.assessment.planning import (
-    Expected,
-    accuracy_frames,
-    availability_frames,
-    false_answer_frames,
-    simulated_errors,
-)
-from gse.instant import NS_PER_S
-from gse.statistics.autocorrelation import cosines, mean_error
+from gse.statistics.autocorrelation import MixedStudent, cosines, mean_error
 from gse.statistics.axis_statistics import axis_statistics, drift
-from gse.statistics.guard_band import exceeds, further_share, guard, keeps
+from gse.statistics.decision import exceeds, further_share, guard, keeps
 from gse.statistics.sampling import effective_number, error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
-from gse.statistics.student_mixture import MixedStudent
+from gse.values.instant import NS_PER_S
+from gse.verdict.planning import Expected, accuracy_frames, availability_frames, false_answer_frames, simulated_errors
 
 
 def axis(error, step_s=1.0):

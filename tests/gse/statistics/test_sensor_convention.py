@@ -12,16 +12,12 @@ from skies.known_nights import START_NS, STATION
 from skies.known_nights import session as night
 from skies.own_answers import with_answers, without_error
 
-from gse.attitude_convention import AttitudeConvention, from_angles
-from gse.constants import ARCSEC_RAD
-from gse.instant import NS_PER_S
-from gse.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
-from gse.site import Site, SiteUncertainty
 from gse.station.attitude_table import OWN_ANSWER
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
-from gse.statistics.convention_search import ConventionSearch, Fit
 from gse.statistics.sensor_convention import (
+    ConventionFit,
+    ConventionSearch,
     _confirmed,
     _first,
     _mount_arcsec,
@@ -35,14 +31,19 @@ from gse.statistics.sensor_convention import (
 )
 from gse.truth import Alignment, small_rotations
 from gse.truth.orientation import FIRST_NS
+from gse.values.attitude_convention import AttitudeConvention, from_angles
+from gse.values.constants import ARCSEC_RAD
+from gse.values.instant import NS_PER_S
+from gse.values.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
+from gse.values.site import Site, SiteUncertainty
 
 AS_STATED = AttitudeConvention()
 OF_DATE = AttitudeConvention(frame="date")
 
 
 def search(*conventions, aberration="not told", quaternions=False, roll_sent=True):
-    fits = tuple(Fit(one, 1.0 + place, 0.5) for place, one in enumerate(conventions))
-    nearest = fits[0] if fits else Fit(AS_STATED, 9999.0, 1.0)
+    fits = tuple(ConventionFit(one, 1.0 + place, 0.5) for place, one in enumerate(conventions))
+    nearest = fits[0] if fits else ConventionFit(AS_STATED, 9999.0, 1.0)
     return ConventionSearch(60, 59.0, fits, nearest, aberration, 19.46, quaternions, roll_sent)
 
 

@@ -8,15 +8,15 @@ import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
 from skies.one_by_one import add_frame
 
-from gse.instant import NS_PER_S
-from gse.mount import InertialDirection, Mount
+from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.exclusions import Cause, Exclusion
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, AttitudeError, Status, Subject
 from gse.station.session_data import ExternalCounts
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.session_statistics import _spatial, sensor_masks, statistics
 from gse.statistics.subject_statistics import _star_fields, about_circular_mean
+from gse.values.instant import NS_PER_S
+from gse.values.mount import InertialDirection, Mount
 
 
 def at_seconds(answered, *, silent=()):

@@ -7,9 +7,9 @@ import pytest
 from skies.known_nights import session
 
 from gse.report.terminal import sky_lines
-from gse.station.frame_table import SKY_CONDITIONS
+from gse.station.columns import SKY_CONDITIONS
 from gse.station.results import SkyCondition
-from gse.statistics.percentiles import percentiles
+from gse.statistics.sampling import percentiles
 from gse.statistics.sky_summary import MOST_STRETCHES, seen_share, sky_summary, zero_point_mag
 
 

@@ -7,11 +7,10 @@ import pytest
 import scipy.stats
 from skies.known_nights import STATION
 
-from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import MATCH
-from gse.statistics.first_fix import first_fixes_s
 from gse.statistics.spatial_errors import _field_basis, _noise, _part, _pixel_basis, spatial_errors
-from gse.statistics.thermal import thermal_error
+from gse.statistics.subject_statistics import first_fixes_s, thermal_error
+from gse.values.constants import ARCSEC_PER_RAD
 
 CAMERA = STATION.sensor.camera()
 PIXEL_ARCSEC = CAMERA.pixel_rad * ARCSEC_PER_RAD

@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from gse.statistics.student_mixture import MixedStudent
+from gse.statistics.autocorrelation import MixedStudent
 
 
 @pytest.mark.parametrize(

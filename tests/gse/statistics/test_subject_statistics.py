@@ -6,14 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gse.axis import ALL_AXES
-from gse.instant import NS_PER_S
-from gse.station.frame_table import FRAME
+from gse.station.columns import FRAME
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.sampling import effective_number
 from gse.statistics.subject_statistics import (
-    Answers,
+    SubjectAnswers,
     _earth_rate,
     _mean_abs_d_ra_deg,
     _star_fields,
@@ -21,8 +19,10 @@ from gse.statistics.subject_statistics import (
     available_share,
     figure_of,
     subject_statistics,
+    thermal_error,
 )
-from gse.statistics.thermal import thermal_error
+from gse.values.axis import ALL_AXES
+from gse.values.instant import NS_PER_S
 
 HALF_TURN_ARCSEC = 648_000.0
 SECONDS = np.array([2.0, 0.0, 1.0, 3.0, 5.0, 6.5, 10.0, 11.0, 12.0, 13.0])
@@ -49,7 +49,7 @@ def answers(count=10, **changes):
     columns = {axis.column: 100.0 * place + np.arange(count) for place, axis in enumerate(ALL_AXES, 1)}
     columns |= {"ra_deg": np.zeros(count), "de_deg": np.zeros(count)}
     times = np.full(count, np.nan)
-    usual = Answers(columns, every, every, every, ~every, every, times, times, False)
+    usual = SubjectAnswers(columns, every, every, every, ~every, every, times, times, False)
     return replace(usual, **changes)
 
 

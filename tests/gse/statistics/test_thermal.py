@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from gse.instant import NS_PER_S
-from gse.statistics.thermal import thermal_error
+from gse.statistics.subject_statistics import thermal_error
+from gse.values.instant import NS_PER_S
 
 RNG = np.random.default_rng(11)
 

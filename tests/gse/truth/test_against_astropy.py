@@ -10,11 +10,11 @@ from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_body
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 
-from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD, from_text
-from gse.mount import Mount
-from gse.site import Site
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 from gse.truth.solar_system import BODIES, bodies_icrs
+from gse.values.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD, from_text
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 ARCSEC = np.pi / 180 / 3600
 CASES = 2000

@@ -8,9 +8,9 @@ from skyfield import relativity
 from skyfield.api import load, wgs84
 from skyfield.earthlib import refraction
 
-from gse.instant import NS_PER_S, from_text
-from gse.site import Site
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.site import Site
 
 ARCSEC = np.pi / 180 / 3600
 CASES = 300

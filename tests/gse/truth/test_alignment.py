@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gse.errors import UsageError
-from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
 from gse.truth import Alignment, fit_mount, horizon_to_sensor, small_rotations, time_blocks
 from gse.truth.alignment import _most_central
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import Mount
 
 ARCSEC = math.pi / 180 / 3600
 START_NS = from_text("2026-03-20T18:30:07Z")

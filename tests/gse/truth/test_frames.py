@@ -6,8 +6,8 @@ import pytest
 from astropy.coordinates import FK5, CartesianRepresentation, FK4NoETerms, SkyCoord
 from skyfield.api import load
 
-from gse.instant import NS_PER_S, from_text
 from gse.truth.frames import icrs_to_frame
+from gse.values.instant import NS_PER_S, from_text
 
 ARCSEC = np.pi / 180 / 3600
 MILLIARCSEC = ARCSEC / 1000

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gse.instant import NS_PER_S, from_text
-from gse.mount import InertialDirection, Mount
-from gse.site import Site
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth, horizon_to_sensor, truth_of
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import InertialDirection, Mount
+from gse.values.site import Site
 
 AT = "2026-03-20T18:30:00Z"
 AT_NS = from_text(AT)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from gse.mount import InertialDirection, Mount
-from gse.truth.mounting import horizon_to_sensor, mount_of
+from gse.truth.frames import horizon_to_sensor, mount_of
+from gse.values.mount import InertialDirection, Mount
 
 ARCSEC_DEG = 1 / 3600
 EAST, NORTH, UP = np.eye(3)

@@ -9,9 +9,9 @@ from datetime import date
 import pytest
 
 from gse.errors import TruthError
-from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables, LeapSeconds, installed_last_mjd, installed_leap_seconds
+from gse.values.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
 
 ARCSEC = math.pi / 180 / 3600
 NOW_NS = from_text("2026-03-20T18:30:00Z")

@@ -6,8 +6,8 @@ import erfa
 import numpy as np
 import pytest
 
-from gse.site import Site
 from gse.truth import Refraction
+from gse.values.site import Site
 
 ARCSEC = math.pi / 180 / 3600
 ROOF = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=250, pressure_hpa=985, temperature_c=25)

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gse.errors import TruthError, UsageError
-from gse.instant import NS_PER_DAY, NS_PER_S, from_text
-from gse.mount import Mount
-from gse.site import Site
 from gse.truth import CORRECTIONS, EarthOrientation, Refraction, SiderealTruth, horizon_to_sensor, mount_of
+from gse.values.instant import NS_PER_DAY, NS_PER_S, from_text
+from gse.values.mount import Mount
+from gse.values.site import Site
 
 ARCSEC = np.pi / 180 / 3600
 NOW_NS = from_text("2026-03-20T18:30:00Z")

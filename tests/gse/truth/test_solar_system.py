@@ -8,10 +8,10 @@ from astropy.coordinates import AltAz, EarthLocation, get_body
 from astropy.time import Time
 from astropy.utils import iers
 
-from gse.instant import from_text
-from gse.site import Site
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.solar_system import bodies_icrs, icrs_to_horizon, sun_altitude_deg, sun_and_moon_horizon
+from gse.values.instant import from_text
+from gse.values.site import Site
 
 SITES = [
     Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=250),

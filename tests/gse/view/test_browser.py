@@ -17,14 +17,13 @@ from PIL import Image
 from skies.one_by_one import results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
-from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.station.notes import Notes
+from gse.view.drawing import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.view.glance import Glance
 from gse.view.live import LiveView
 from gse.view.live_state import LiveState
-from gse.view.pages import Content
 from gse.view.saved_view import save_view
-from gse.view.server import ViewServer
+from gse.view.server import Content, ViewServer
 
 FRAMES = 299
 """The 300th would have no answer, and so no stars to see."""

@@ -15,24 +15,20 @@ from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
-from gse.attitude import Attitude
-from gse.instant import NS_PER_S
-from gse.mount import Mount
-from gse.panorama import Panorama
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult
 from gse.station.results import Status
 from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth import horizon_to_sensor
+from gse.values.attitude import Attitude
+from gse.values.instant import NS_PER_S
+from gse.values.mount import Mount
+from gse.values.panorama import Panorama
 from gse.view.blueprint import _reach
-from gse.view.dawn import NextDawn, next_dawn_ns
-from gse.view.event_lines import EventLines
-from gse.view.focus import focus_of
-from gse.view.glance import Glance
+from gse.view.glance import Glance, NextDawn, focus_of, mount_turn, next_dawn_ns
 from gse.view.glance_word import Facts, Level, Phase, word_of
-from gse.view.live_state import LiveState
-from gse.view.mount_turn import mount_turn
-from gse.view.recent_errors import STRETCH_NS, STRETCHES, RecentErrors
+from gse.view.live_state import STRETCH_NS, STRETCHES, LiveState, RecentErrors
+from gse.view.recent import EventLines
 
 ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answered=True)
 

@@ -20,11 +20,9 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 from gse.errors import GseError
 from gse.view.live import LiveView
 from gse.view.live_state import LiveState
-from gse.view.pages import Content
-from gse.view.ports import free_port
 from gse.view.rerun_feed import RerunFeed
-from gse.view.server import ViewServer
-from gse.view.viewer import quiet_environment, rerun_program
+from gse.view.server import Content, ViewServer
+from gse.view.viewer import free_port, quiet_environment, rerun_program
 
 FRAMES = 300
 

@@ -21,8 +21,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
-from gse.view.pages import Content
-from gse.view.server import _SHOW_VERDICT_S, MOST_BROWSERS, ViewServer
+from gse.view.server import _SHOW_VERDICT_S, MOST_BROWSERS, Content, ViewServer
 
 MOST_PAGE_BYTES = 100_000
 

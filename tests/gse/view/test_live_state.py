@@ -10,11 +10,11 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
-from gse.instant import NS_PER_S
 from gse.sessions.replay import replay_session
 from gse.sessions.status_file import StatusFile
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 from gse.station.notes import Notes
+from gse.values.instant import NS_PER_S
 from gse.view.glance import Glance
 from gse.view.live_state import STATE_EVERY_NS, LiveState
 from gse.view.verdict_text import headline, verdict_so_far

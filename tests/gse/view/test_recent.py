@@ -1,6 +1,6 @@
 """What a page that comes late is sent: nothing twice, and no more of the past than ten minutes."""
 
-from gse.instant import NS_PER_S
+from gse.values.instant import NS_PER_S
 from gse.view.recent import Recent
 
 

@@ -10,10 +10,8 @@ from devices.patience import PATIENCE_S
 from skies.synthetic_night import synthetic_night
 
 from gse.view.glance import Glance
-from gse.view.host_names import names_of_machine
 from gse.view.live_state import LiveState
-from gse.view.pages import Content
-from gse.view.server import ViewServer
+from gse.view.server import Content, ViewServer, names_of_machine
 
 
 @pytest.fixture

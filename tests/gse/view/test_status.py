@@ -12,10 +12,10 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
-from gse.limits import Limits
-from gse.station.event_kinds import StationKind
+from gse.station.events import StationKind
 from gse.station.own_answers import OWN_ERROR
 from gse.station.results import AnswerCheck, LinkCounters, Status
+from gse.values.limits import Limits
 from gse.view.live_state import ErrorsSoFar, LiveState, SessionSoFar
 from gse.view.status import StatusLine
 from gse.view.verdict_text import verdict_so_far

@@ -1,1 +1,0 @@
-"""Shared by report and live view: colours, and the outline of the field. May import neither of them."""

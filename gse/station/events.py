@@ -1,0 +1,80 @@
+"""Events of a session: their kinds, and the log that keeps the first of each kind and counts all."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from drivers.chunk import LinkEvent
+from gse.recording.session_format import MOST_KINDS, OTHER
+from gse.values.finding import Finding
+from gse.values.instant import LAST_NS
+
+# Kinds of events of the station.
+
+
+class StationKind(StrEnum):
+    """Events of the processing, of truth, of the host and of the sky."""
+
+    SENSOR_RESET = "SENSOR_RESET"
+    SEQUENCE_CHAOS = "SEQUENCE_CHAOS"
+    CLOCK_STEP = "CLOCK_STEP"
+    MIRRORED = "MIRRORED"
+    WRONG_CAMERA = "WRONG_CAMERA"
+    IDENTIFIER_FAULT = "IDENTIFIER_FAULT"
+    IDENTIFIER_GIVEN_UP = "IDENTIFIER_GIVEN_UP"
+    ALIGNED = "ALIGNED"
+    NO_TRUTH = "NO_TRUTH"
+    EARTH_ORIENTATION = "EARTH_ORIENTATION"
+    NO_STATION = "NO_STATION"
+    FROZEN = "FROZEN"
+    CLEAR = "CLEAR"
+    CLOUDED = "CLOUDED"
+    NO_STARS = "NO_STARS"
+    DAYLIGHT = "DAYLIGHT"
+    DARK_NIGHT = "DARK_NIGHT"
+    FINDING = "FINDING"
+    CLOSED = "CLOSED"
+    TERMINAL_LOST = "TERMINAL_LOST"
+    TERMINAL_STUCK = "TERMINAL_STUCK"
+    NOTE = "NOTE"
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStep(LinkEvent):
+    """A step of the host's UTC clock against its monotonic one; ``step_ns`` is positive where UTC went forward.
+
+    ``utc_kept`` where the sensor's clock went along with UTC: the monotonic clock stood still, or leapt.
+    """
+
+    step_ns: int
+    utc_kept: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FindingEvent(LinkEvent):
+    """A finding of a running session, for its listeners; it is not recorded, since a replay finds it again."""
+
+    finding: Finding
+
+
+MOST_OF_A_KIND = 1000
+MOST_EVENTS = 20_000
+
+
+class EventLog:
+    """Counts events by kind and decides which are stored."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def bounded(self, event: LinkEvent) -> LinkEvent:
+        """The event with a valid instant, and of kind OTHER where there are too many different kinds."""
+        is_known = event.kind in self._counts or len(self._counts) < MOST_KINDS
+        if is_known and 0 <= event.utc_ns <= LAST_NS:
+            return event
+        return replace(event, kind=event.kind if is_known else OTHER, utc_ns=min(max(event.utc_ns, 0), LAST_NS))
+
+    def accepts(self, event: LinkEvent) -> bool:
+        """Count the event; whether it is to be stored."""
+        self._counts[event.kind] += 1
+        return self._counts[event.kind] <= MOST_OF_A_KIND and self._counts.total() <= MOST_EVENTS

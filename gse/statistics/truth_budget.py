@@ -1,0 +1,188 @@
+"""The truth uncertainty budget: each input of the truth, how well it is known, and what that leaves open.
+
+For the verdict: ``truth_budget(session_facts(session, clock_error_s=...))`` gives a TruthUncertaintyBudget; its
+``axes``, by the key of each of AXES, are AxisUncertainty (standard, expanded with k, one-sided 95 %, the part that
+is common to all frames and the part that changes with the field, and whether all terms are known), ``terms`` the rows
+of the report, and ``complaint`` a sentence where it is too much for a limit.
+
+Sensitivities are finite differences of SiderealTruth: the truth of the session's middle is taken again with an input
+that is changed by one standard uncertainty. Numbers in the station file under ``uncertainty`` are half-widths of 95 %
+(k = 2), as certificates and GPS receivers state them. A mount that was fitted on the session's own sky takes up every
+error that is constant in the horizon frame: site, vertical, refraction at the boresight, UT1, time stamp.
+docs/uncertainty.md explains each term and its default.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gse.station.clock_steps import instants_ns
+from gse.station.session_data import SessionData, middle_instant_ns
+from gse.statistics.budget_terms import (
+    ChangedTruth,
+    air_terms,
+    clock,
+    earth_terms,
+    fitted_mount,
+    inertial_terms,
+    model_terms,
+    site_terms,
+    stability,
+    stated_mount,
+    time_stamp,
+)
+from gse.statistics.sensor_answers import by_other_stars_arcsec
+from gse.statistics.star_terms import OWN_STARS, FieldOfStars, own_stars, star_terms
+from gse.statistics.uncertainty import AxisUncertainty, Term, combined
+from gse.truth import Alignment, EarthOrientation
+from gse.values.axis import AXES, D_DE, D_RA_COSDE, Axis
+from gse.values.mount import Mount
+from gse.values.site import Site
+
+_USUAL_FIELD = FieldOfStars()
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFacts:
+    """What the budget is made from: the instant is the session's middle.
+
+    ``alignment`` is the mount where it was fitted on other frames of the session. ``drift_arcsec_per_h`` is the
+    greatest drift that the aligned residuals allow, by axis: the larger end of its 95 % interval, without sign.
+    ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
+    """
+
+    site: Site
+    mount: Mount
+    earth_orientation: EarthOrientation | None
+    utc_ns: int
+    clock_error_s: float
+    stars: FieldOfStars = _USUAL_FIELD
+    baudrate: int = 115_200
+    duration_s: float = 0.0
+    alignment: Alignment | None = None
+    drift_arcsec_per_h: Mapping[str, float] | None = None
+    own_stars_arcsec: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TruthUncertaintyBudget:
+    """All terms of a session, and what they leave open together, by axis.
+
+    ``own_axes`` are those of the sensor's own answers, which have a term more.
+    """
+
+    terms: tuple[Term, ...]
+    axes: dict[str, AxisUncertainty]
+    own_axes: dict[str, AxisUncertainty]
+
+    @property
+    def ra_arcsec(self) -> float:
+        """The expanded uncertainty (95 %) in dRA*."""
+        return self.axes[D_RA_COSDE.key].expanded_arcsec
+
+    @property
+    def de_arcsec(self) -> float:
+        """The expanded uncertainty (95 %) in dDE."""
+        return self.axes[D_DE.key].expanded_arcsec
+
+    def complaint(self, axis: Axis, limit_arcsec: float, share: float, *, own: bool = False) -> str | None:
+        """One line where the expanded uncertainty on an axis is above a limit / ``share``, else None.
+
+        ``own``: that of the sensor's own answers.
+        """
+        total = (self.own_axes if own else self.axes)[axis.key].expanded_arcsec
+        if total * share <= limit_arcsec:
+            return None
+        terms = [term for term in self.terms if own or term.name != OWN_STARS]
+        alone = {term: combined([term], axis).expanded_arcsec for term in terms}
+        large = sorted((term for term in alone if alone[term] >= total / 2), key=alone.__getitem__, reverse=True)
+        parts = " and ".join(f"{term.name} leaves {_amount(alone[term])}" for term in large) or "all terms together"
+        whole = f" of {total:.1f} arcsec" if math.isfinite(total) else ""
+        remark = f"; {large[0].remedy}" if large and large[0].remedy else ""
+        allowed = f"a third of the limit is {limit_arcsec / share:.3g} arcsec"
+        whose = "the sensor's " if own else ""
+        return f"truth is not good enough for {whose}{axis.label}: {parts}{whole}, and {allowed}{remark}"
+
+
+def _amount(arcsec: float) -> str:
+    return f"{arcsec:.1f}" if math.isfinite(arcsec) else "an unknown error"
+
+
+def session_facts(
+    session: SessionData, *, clock_error_s: float, drift_arcsec_per_h: Mapping[str, float] | None = None
+) -> SessionFacts:
+    """The facts of a session; ``clock_error_s`` is the bound that clock_health found (inf: not known)."""
+    frames, station = session.frames.columns, session.station
+    utc_ns, middle_ns = instants_ns(frames, session.events), middle_instant_ns(session)
+    return SessionFacts(
+        site=station.site,
+        mount=session.alignment.mount if session.alignment else station.mount,
+        earth_orientation=session.earth_orientation if middle_ns is not None else None,
+        utc_ns=middle_ns or 0,
+        clock_error_s=clock_error_s,
+        stars=FieldOfStars.of(session),
+        baudrate=station.port.baudrate,
+        duration_s=float(np.ptp(utc_ns)) / 1e9 if len(frames) else 0.0,
+        alignment=session.alignment,
+        drift_arcsec_per_h=drift_arcsec_per_h,
+        own_stars_arcsec=by_other_stars_arcsec(session) if len(session.sensor_attitudes) else 0.0,
+    )
+
+
+def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
+    """The budget of a session; without Earth orientation there is no truth, and one unknown term says so."""
+    if facts.mount.inertial is not None:
+        terms = tuple(
+            inertial_terms(facts.mount.inertial, facts.clock_error_s, facts.drift_arcsec_per_h, facts.duration_s)
+        )
+    elif facts.earth_orientation is None:
+        terms = (_no_truth(),)
+    else:
+        terms = tuple(_terms(facts, facts.earth_orientation))
+    common = [term for term in terms if term.name != OWN_STARS]
+    axes, own_axes = ({axis.key: combined(some, axis) for axis in AXES} for some in (common, terms))
+    return TruthUncertaintyBudget(terms, axes, own_axes)
+
+
+def _no_truth() -> Term:
+    return Term(
+        "sidereal truth",
+        math.inf,
+        "",
+        math.inf,
+        math.inf,
+        math.inf,
+        evidence="none",
+        explanation="nothing was compared with the sky",
+        remedy="see the events for why",
+    )
+
+
+def _terms(facts: SessionFacts, orientation: EarthOrientation) -> list[Term]:
+    at = ChangedTruth(facts.site, facts.mount, orientation, facts.utc_ns)
+    constant = [
+        *earth_terms(orientation, facts.utc_ns, at),
+        *site_terms(facts.site, at),
+        *air_terms(facts.site, facts.mount, at),
+        time_stamp(facts.baudrate, at),
+    ]
+    if facts.alignment is None:
+        mount = stated_mount(facts.mount, at)
+    else:
+        constant = [_absorbed(term) for term in constant]
+        mount = [fitted_mount(facts.alignment, at)]
+    if facts.drift_arcsec_per_h is not None:
+        mount.append(stability(facts.drift_arcsec_per_h, facts.duration_s, fitted=facts.alignment is not None))
+    stars = star_terms(facts.stars, facts.utc_ns, facts.duration_s)
+    if facts.own_stars_arcsec:
+        stars.append(own_stars(facts.own_stars_arcsec, facts.stars.width_rad))
+    return [*model_terms(at), *constant, *mount, clock(facts.clock_error_s, at), *stars]
+
+
+def _absorbed(term: Term) -> Term:
+    """An error that is constant in the horizon frame is part of a mount that was fitted under it."""
+    return replace(
+        term, ra_arcsec=0.0, de_arcsec=0.0, roll_arcsec=0.0, absorbed=True, remedy="absorbed by the fitted mount"
+    )

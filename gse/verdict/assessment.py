@@ -1,0 +1,194 @@
+"""The verdict: the statistics of a session against the limits of its station, by a stated decision rule.
+
+Each subject on trial has the rows of gse.verdict.requirements; gse.statistics.decision gives the rule.
+
+FAIL where a row fails. A row that fails for what excuses it is INCONCLUSIVE (gse.statistics.excuses); so is a session
+where a row of the accuracy, availability or false answers cannot be decided, or where something stands in the way of
+PASS (gse.verdict.obstacles). PASS otherwise, with what was not tested.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gse.config.station import Station
+from gse.diagnosis.diagnosis import findings
+from gse.diagnosis.sensor_findings import sensor_findings
+from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
+from gse.diagnosis.set_up_mistake import lost_station, mistake_of, set_up_mistake
+from gse.station.results import Subject, Verdict
+from gse.station.session_data import SessionData
+from gse.statistics.decision import Outcome, Row
+from gse.statistics.excuses import Evidence, excused
+from gse.statistics.session_statistics import Statistics, statistics
+from gse.statistics.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.values.axis import ON_SKY
+from gse.values.finding import Finding
+from gse.verdict.obstacles import obstacles
+from gse.verdict.requirements import REQUIREMENTS, Case, requirement_of
+
+TRUTH_SHARE = 3.0
+"""Truth that is worse than this share of a limit is named where a session does not pass."""
+
+LEFT_OUT = ": neither limit nor data: "
+"""Between a subject and the names of its rows that a report leaves out, in a line of ``not_tested``."""
+
+_SIMULATED = ("sim://", "simulated")
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """The verdict, a line per reason, the rows it was made from, and what the errors look like.
+
+    ``relative`` where the mount was fitted on the same sky: then absolute pointing, site and clock were not tested.
+    ``damaged`` where a part of the session file is missing: what that part showed is unknown.
+    ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    rows: tuple[Row, ...]
+    statistics: Statistics
+    budget: TruthUncertaintyBudget
+    findings: tuple[Finding, ...]
+    not_tested: tuple[str, ...]
+    relative: bool
+    simulated: bool
+    damaged: bool
+    health: SensorHealth
+
+    @property
+    def word(self) -> str:
+        """The verdict as it is printed: a PASS with what it does not cover."""
+        if self.verdict is not Verdict.PASS:
+            return self.verdict.value
+        return ", ".join(["PASS", *["relative"] * self.relative, *["damaged session"] * self.damaged])
+
+
+def judge(session: SessionData) -> Assessment:
+    """Measure a session and judge it."""
+    stats = statistics(session)
+    budget = _budget(session, stats)
+    relative = session.station.mount.align is not None
+    rows = tuple(
+        requirement.row(Case(subject, stats, budget, session.station.limits, relative))
+        for subject in stats.subjects.values()
+        for requirement in REQUIREMENTS
+        if requirement.applies(subject)
+    )
+    found = _causes(session, stats)
+    mistake = lost_station(session)
+    if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
+        mistake = set_up_mistake(session, stats.counted, found)
+    available = {subject: of.available for subject, of in stats.subjects.items()}
+    evidence = Evidence(session, available, mistake_of(mistake) if mistake else None)
+    rows = tuple(excused(row, requirement_of(row).claim, evidence) for row in rows)
+    in_the_way = tuple(obstacles(session, stats, rows))
+    if mistake:
+        in_the_way = (f"set-up: {mistake}", *in_the_way)
+    verdict = _verdict(rows, in_the_way)
+    compared = None if any(finding.is_gross for finding in found) else stats.own
+    found += sensor_findings(session, compared, stats.convention, stats.equivalence, named=found)
+    health = sensor_health(session)
+    found += tuple(health_findings(session, health))
+    # What decides comes first: screens with one line show the first reason.
+    reasons = [row.reason for outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE) for row in rows if row.outcome is outcome]
+    # A mistake of the set-up explains the figures that follow it.
+    reasons = [*in_the_way[:1], *reasons, *in_the_way[1:]] if mistake else [*reasons, *in_the_way]
+    if verdict is not Verdict.PASS:
+        first = [str(finding) for finding in found if finding.is_gross and finding is not mistake]
+        others = [str(finding) for finding in found if finding != mistake]
+        reasons = [*(() if mistake else first), *reasons, *_complaints(session, budget), *others]
+    if relative:
+        reasons.append(_relative_to(session))
+    return Assessment(
+        verdict,
+        tuple(dict.fromkeys(reasons)),
+        rows,
+        stats,
+        budget,
+        found,
+        tuple(_not_tested(stats, rows, session.station, relative, len(session.sensor_attitudes))),
+        relative,
+        is_simulated(session),
+        session.truncated,
+        health,
+    )
+
+
+def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
+    """The causes of what panoramas show under the sky; before a star simulator none of them can be."""
+    if Subject.ONBOARD not in stats.subjects or session.station.mount.inertial is not None:
+        return ()
+    return findings(session, stats)
+
+
+def _budget(session: SessionData, stats: Statistics) -> TruthUncertaintyBudget:
+    drifts = {
+        axis: max(abs(of_axis.drift_low_arcsec_per_h), abs(of_axis.drift_high_arcsec_per_h))
+        for axis, of_axis in stats.onboard.axes.items()
+    }
+    facts = session_facts(session, clock_error_s=stats.clock.error_bound_s, drift_arcsec_per_h=drifts)
+    return truth_budget(facts)
+
+
+def is_simulated(session: SessionData) -> bool:
+    """Whether no sensor took part: the port or the clock of the session was a simulated one."""
+    port, clock = _SIMULATED
+    return session.station.port.url.startswith(port) or any(reading.source == clock for reading in session.clock)
+
+
+def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:
+    outcomes = {row.outcome for row in rows}
+    if Outcome.FAIL in outcomes:
+        return Verdict.FAIL
+    if Outcome.INCONCLUSIVE in outcomes or in_the_way:
+        return Verdict.INCONCLUSIVE
+    return Verdict.PASS
+
+
+def _relative_to(session: SessionData) -> str:
+    align_s = session.station.mount.align_s or 0.0
+    return f"relative to a mount fitted on the first {align_s:g} s: absolute pointing, site and clock not tested"
+
+
+def is_left_out(row: Row, station: Station) -> bool:
+    """Whether a report only names a row: it has no limit and no value, and no requirement of the station file names it.
+
+    So a new row that nobody asks for changes no report of a session that does not show it.
+    """
+    return math.isnan(row.limit) and math.isnan(row.value) and row.name not in station.test.requirements
+
+
+def _not_tested(
+    stats: Statistics, rows: tuple[Row, ...], station: Station, relative: bool, own_answers: int
+) -> Iterator[str]:
+    untested = [row for row in rows if row.outcome is Outcome.NOT_TESTED]
+    yield from (row.reason for row in untested if not is_left_out(row, station))
+    for subject in stats.subjects:
+        names = [row.name for row in untested if row.subject == subject and is_left_out(row, station)]
+        if names:
+            yield f"{subject}{LEFT_OUT}{'; '.join(names)}"
+    if Subject.SENSOR not in stats.subjects:
+        yield _without_sensor(own_answers)
+    if Subject.ONBOARD not in stats.subjects:
+        yield "onboard: no panoramas came, so there was nothing to identify and nothing to check the answers by"
+    if relative:
+        yield "absolute pointing, site and clock: the mount was fitted on the same sky"
+
+
+def _without_sensor(own_answers: int) -> str:
+    if not own_answers:
+        return "sensor: it sent no answers of its own (no ATTITUDE frames)"
+    return (
+        f"sensor: {own_answers} answers of its own came, and no panorama that they are of; if it sends none, leave "
+        "PANORAMA out of the protocol description, and they are judged alone"
+    )
+
+
+def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:
+    limits = session.station.limits
+    lines = [line for axis in ON_SKY if (line := budget.complaint(axis, limits.of(axis), TRUTH_SHARE))]
+    if lines or not len(session.sensor_attitudes):
+        return lines
+    return [line for axis in ON_SKY if (line := budget.complaint(axis, limits.of(axis), TRUTH_SHARE, own=True))]

@@ -1,0 +1,427 @@
+"""What a session is asked: the one table of the rows of the verdict, in the order of a report.
+
+An entry says all that is known of its row: whose figure it is and how it is taken, the key of its limit and its unit,
+by which rule it is decided, what a FAIL claims of the sensor (which says what may excuse it), how a session is planned
+for it, how two sessions are compared by it, and its line of documentation. Whoever needs a row asks its entry: verdict,
+forecast, ``gse plan``, ``gse compare``, the decision of a campaign, docs/metrics.md. Report, JUnit and tables show what
+rows there are. So one more row is one more entry here, and one more field of gse.values.limits.Limits where its limit
+is new.
+
+The rule itself, one for figures and one for shares, is in gse.statistics.decision.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from gse.station.results import Subject
+from gse.statistics.axis_statistics import MIN_S
+from gse.statistics.budget_terms import STABILITY
+from gse.statistics.decision import (
+    COVERAGE_FACTOR,
+    Claim,
+    Criterion,
+    Figure,
+    Outcome,
+    Row,
+    Share,
+    judge_figure,
+    judge_share,
+)
+from gse.statistics.session_statistics import Statistics
+from gse.statistics.subject_statistics import SubjectStatistics, figure_of
+from gse.statistics.truth_budget import TruthUncertaintyBudget
+from gse.values.axis import D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis
+from gse.values.limits import Limits
+from gse.values.text import percent
+from gse.verdict.compared_axis import ComparedRow as ComparedRow
+from gse.verdict.compared_rows import (
+    Bounded,
+    Compared,
+    CompareRows,
+    along,
+    bounded_row,
+    false_answers,
+    good_answers,
+    not_compared,
+    slow_answers,
+)
+from gse.verdict.planning import (
+    Expected,
+    accuracy_frames,
+    availability_frames,
+    false_answer_frames,
+    figure_times,
+    share_times,
+)
+
+SLOW_SHARE = 0.01
+"""99 % of the frames must keep the limit of time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One subject of a session, with all that its rows are made from.
+
+    ``relative`` where the mount was fitted on the same sky.
+    """
+
+    subject: SubjectStatistics
+    statistics: Statistics
+    budget: TruthUncertaintyBudget
+    limits: Limits
+    relative: bool
+
+    def truth_standard(self, axes: tuple[Axis, ...]) -> float:
+        """The standard uncertainty whose 1.645-fold is the one-sided 95 % bound of truth, whatever its distribution."""
+        truth = self.budget.own_axes if self.subject.subject is Subject.SENSOR else self.budget.axes
+        return math.hypot(*(truth[axis.key].one_sided_arcsec / COVERAGE_FACTOR for axis in axes))
+
+    def truth_settles(self, axes: tuple[Axis, ...]) -> bool:
+        """Whether the stability of the mount, better known after a longer time, makes most of what truth leaves."""
+        return bool(axes) and all(_settles(self.budget, axis) for axis in axes)
+
+
+def _settles(budget: TruthUncertaintyBudget, axis: Axis) -> bool:
+    stability = math.hypot(*(term.of(axis) for term in budget.terms if term.name == STABILITY))
+    return stability**2 > budget.axes[axis.key].standard_arcsec ** 2 / 2
+
+
+@dataclass(frozen=True, slots=True)
+class ByBounds:
+    """A figure that must not exceed its limit: decided by its sampling bounds, and by truth's along some axes.
+
+    A figure of answers alone has no ``truth``.
+    """
+
+    figure: Callable[[SubjectStatistics, float], Figure]
+    truth: tuple[Axis, ...] = ()
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row of one subject."""
+        return judge_figure(
+            asked,
+            self.figure(case.subject, case.statistics.duration_s),
+            truth_uncertainty=case.truth_standard(self.truth),
+            relative=case.relative,
+            settles=case.truth_settles(self.truth),
+        )
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Further lengths of the session after which an undecided row is decided."""
+        return figure_times(row)
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """The value and its bounds."""
+        figure = self.figure(subject, math.nan)
+        return Bounded(figure.value, figure.bounds.lower, figure.bounds.upper)
+
+
+@dataclass(frozen=True, slots=True)
+class ByShare:
+    """A share of frames that must not exceed its limit, or must reach it (``at_least``): decided by its exact bounds.
+
+    ``column`` is the name of the share in the tables of a data set; ``beside`` joins the reason.
+    """
+
+    share: Callable[[SubjectStatistics], Share]
+    column: str
+    at_least: bool = False
+    beside: Callable[[Case], str] = lambda _: ""
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row of one subject."""
+        return judge_share(asked, self.share(case.subject), at_least=self.at_least, beside=self.beside(case))
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Further lengths of the session after which an undecided row is decided."""
+        return share_times(self.share(subject), row.limit, at_least=self.at_least)
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """The value and its bounds."""
+        share = self.share(subject)
+        return Bounded(share.value, share.lower, share.upper)
+
+
+@dataclass(frozen=True, slots=True)
+class BySlowShare:
+    """A time that 99 % of the frames must keep: the share of the slower ones decides, the 99th percentile is shown."""
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row of one subject."""
+        subject = case.subject
+        row = judge_share(dataclasses.replace(asked, limit=SLOW_SHARE, unit=""), subject.slow, at_least=False)
+        reason = row.reason
+        undecided = row.outcome is Outcome.INCONCLUSIVE
+        if row.outcome is Outcome.FAIL or undecided:
+            reason = f"{row.label} is {subject.time_ms.p99:.1f} ms, the limit is {asked.limit:g} ms"
+            reason += f" ({subject.slow.count} of {subject.slow.of} frames are slower"
+            shows = f", which shows at most {percent(subject.slow.upper, 1)}: a longer session decides)"
+            reason += shows if undecided else ")"
+        return dataclasses.replace(
+            row, value=subject.time_ms.p99, unit=asked.unit, limit=asked.limit, reason=reason, uncertainty=math.nan
+        )
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Further lengths of the session after which an undecided row is decided."""
+        return share_times(subject.slow, SLOW_SHARE, at_least=False)
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """The 99th percentile, whose bounds nobody asks for."""
+        return Bounded(subject.time_ms.p99, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisQuestion:
+    """What is expected along one axis, its limit, and the standard uncertainty of truth."""
+
+    axis: Axis
+    expected: Expected
+    limit_arcsec: float
+    truth_arcsec: float
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedSession:
+    """What a session is planned from: answers come and fail in runs of ``frames_per_answer`` frames.
+
+    ``seen`` are the frames after which rows of a session like it pass, by name, for rows that nothing else plans; None
+    where they never do.
+    """
+
+    axes: tuple[AxisQuestion, ...]
+    limits: Limits
+    availability: float
+    frames_per_s: float
+    frames_per_answer: float = 1.0
+    seen: Mapping[str, int | None] = dataclasses.field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class RowPlan:
+    """Frames after which a row of the verdict passes with 90 %; None where no length of session does."""
+
+    name: str
+    limit: float
+    unit: str
+    frames: int | None
+
+
+Plan = Callable[[ExpectedSession], RowPlan | None]
+
+
+def both_rows_of(axis: Axis) -> Plan:
+    """Mean and 95 % of one axis, which one simulated session must pass together; no axis has bounds before MIN_S."""
+
+    def plan(session: ExpectedSession) -> RowPlan | None:
+        asked = next((one for one in session.axes if one.axis == axis), None)
+        if asked is None:
+            return None
+        frames = _frames_of(asked.expected, asked.limit_arcsec, asked.truth_arcsec)
+        least = math.ceil(MIN_S * session.frames_per_s) + 1
+        return RowPlan(axis.label, asked.limit_arcsec, axis.unit, None if frames is None else max(frames, least))
+
+    return plan
+
+
+@functools.lru_cache(maxsize=16)
+def _frames_of(expected: Expected, limit_arcsec: float, truth_arcsec: float) -> int | None:
+    """Both axes on the sky are often asked the same, and it takes seconds."""
+    return accuracy_frames(expected, limit_arcsec, truth_arcsec=truth_arcsec)
+
+
+def _answered(session: ExpectedSession) -> RowPlan:
+    limit = session.limits.availability
+    frames = availability_frames(session.availability, limit, frames_per_value=session.frames_per_answer)
+    return RowPlan(AVAILABILITY.name, limit, AVAILABILITY.unit, frames)
+
+
+def _none_false(session: ExpectedSession) -> RowPlan:
+    limit = session.limits.false_share
+    return RowPlan(FALSE_ANSWERS.name, limit, FALSE_ANSWERS.unit, false_answer_frames(limit))
+
+
+def not_planned(_: ExpectedSession) -> None:
+    """Of a row that needs no more frames than the others do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Requirement:
+    """One row of the verdict.
+
+    ``limit`` is the key of its limit in Limits; where that is None, or the row does not ``apply`` to a subject, it is
+    not tested or not there. ``claim`` is what a FAIL says of the sensor. PASS needs the ``core`` rows of one subject.
+    Without a ``plan`` of its own it is planned by a session like it, without ``compared`` by its bounds. ``says`` is
+    the line of its documentation.
+    """
+
+    name: str
+    limit: str
+    unit: str = ""
+    claim: Claim
+    decided: ByBounds | ByShare | BySlowShare
+    says: str
+    applies: Callable[[SubjectStatistics], bool] = lambda _: True
+    core: bool = False
+    plan: Plan | None = None
+    compared: CompareRows | None = None
+
+    def limit_of(self, limits: Limits) -> float:
+        """The limit; NaN where none is stated."""
+        value = getattr(limits, self.limit)
+        return math.nan if value is None else float(value)
+
+    def keeps(self, value: float, limit: float) -> bool:
+        """Whether a value is on the right side of a limit, its uncertainty aside."""
+        return value >= limit if self.at_least else value <= limit
+
+    def row(self, case: Case) -> Row:
+        """The row of one subject of a session."""
+        limits = case.limits
+        return self.decided.row(
+            Criterion(case.subject.subject, self.name, self.limit_of(limits), limits.decision, self.unit), case
+        )
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Further lengths of the session after which its row is decided; 0 where it is."""
+        return self.decided.times_left(row, subject) if row.outcome is Outcome.INCONCLUSIVE else 0.0
+
+    def planned(self, session: ExpectedSession) -> RowPlan | None:
+        """How long a session must be for it; None where that is no question, or cannot be told."""
+        if self.plan is not None:
+            return self.plan(session)
+        if self.name not in session.seen:
+            return None
+        return RowPlan(self.name, self.limit_of(session.limits), self.unit, session.seen[self.name])
+
+    def compare(self, both: Compared) -> Iterator[ComparedRow]:
+        """Its rows of a comparison of two sessions."""
+        if self.compared is not None:
+            yield from self.compared(both)
+            return
+        limit = self.limit_of(both.limits)
+        if not math.isnan(limit):
+            one, two = (self.decided.bounded(subject.statistics) for subject in both.subjects)
+            row = bounded_row(self.name, self.unit, one, two, both=both, allowed=both.allowed_share * limit)
+            yield dataclasses.replace(row, at_least=self.at_least)
+
+    @property
+    def at_least(self) -> bool:
+        """Whether the limit is the lowest value that passes; else it is the highest."""
+        return isinstance(self.decided, ByShare) and self.decided.at_least
+
+    @property
+    def share_column(self) -> str | None:
+        """The name of its share in the tables of a data set; None of a figure."""
+        return self.decided.column if isinstance(self.decided, ByShare) else None
+
+
+def _of_axis(
+    axis: Axis, *, core: bool = False, compared: CompareRows = not_compared
+) -> tuple["Requirement", "Requirement"]:
+    """Mean and 95 % along an axis, against one limit. A comparison of the first speaks for both."""
+
+    def entry(name: str, which: str, says: str, compared: CompareRows) -> Requirement:
+        return Requirement(
+            name=name,
+            limit=axis.column,
+            unit=axis.unit,
+            claim=Claim.ACCURACY,
+            decided=ByBounds(lambda subject, s: figure_of(subject.axes[axis.key], which, s), truth=(axis,)),
+            says=says,
+            core=core,
+            plan=both_rows_of(axis),
+            compared=compared,
+        )
+
+    label = axis.label
+    return (
+        entry(f"mean |{label}|", "mean_abs", f"mean of the absolute error in {label}", compared),
+        entry(f"95 % of |{label}|", "p95_abs", f"absolute error in {label} that 95 % of the frames keep", not_compared),
+    )
+
+
+def _lost(case: Case) -> str:
+    lost = case.statistics.frames_expected - int(case.statistics.counted.expected.sum())
+    return f", {lost} of which never came" if lost else ""
+
+
+def _star_fields(case: Case) -> str:
+    count = case.subject.star_fields
+    return f" in {count} star field{'' if count == 1 else 's'}" if count else ""
+
+
+AVAILABILITY = Requirement(
+    name="availability",
+    limit="availability",
+    claim=Claim.ABSENCE,
+    decided=ByShare(lambda subject: subject.available, "available", at_least=True, beside=_lost),
+    says="share of the expected frames with an answer that is not false, at least",
+    core=True,
+    plan=_answered,
+    compared=good_answers,
+)
+FALSE_ANSWERS = Requirement(
+    name="false answers",
+    limit="false_share",
+    claim=Claim.FALSEHOOD,
+    decided=ByShare(lambda subject: subject.false_answers, "false_answers", beside=_star_fields),
+    says="share of the answers that name other stars than the reference identifier, or lie far from all others",
+    core=True,
+    plan=_none_false,
+    compared=false_answers,
+)
+STATED_TIME = Requirement(
+    name="processing time as it states, 99 %",
+    limit="identification_ms",
+    unit="ms",
+    claim=Claim.SLOWNESS,
+    decided=BySlowShare(),
+    says="processing time that the sensor, or an external identifier, states by its own clock, of 99 % of the frames",
+    applies=lambda subject: subject.time_is_stated,
+    plan=not_planned,
+    compared=slow_answers,
+)
+HOST_TIME = Requirement(
+    name="identification time on this host, 99 %",
+    limit="identification_ms",
+    unit="ms",
+    claim=Claim.SLOWNESS,
+    decided=BySlowShare(),
+    says="the same of an identifier that runs here, by this computer's clock: it says as much of the computer",
+    applies=lambda subject: not subject.time_is_stated,
+    plan=not_planned,
+    compared=not_compared,
+)
+
+REQUIREMENTS = (
+    *_of_axis(D_RA_COSDE, core=True, compared=along(D_RA_COSDE)),
+    *_of_axis(D_DE, core=True, compared=along(D_DE)),
+    *_of_axis(D_ROLL),
+    Requirement(
+        name="half-cone of 95 % of the boresights",
+        limit="boresight_arcsec",
+        unit="arcsec",
+        claim=Claim.ACCURACY,
+        decided=ByBounds(lambda subject, s: figure_of(subject.half_cone_95, "p95_abs", s), truth=ON_SKY),
+        says="angle about the true boresight that holds 95 % of the measured ones",
+    ),
+    AVAILABILITY,
+    FALSE_ANSWERS,
+    STATED_TIME,
+    HOST_TIME,
+)
+
+_BY_NAME = {requirement.name: requirement for requirement in REQUIREMENTS}
+
+
+def requirement_named(name: str) -> Requirement | None:
+    """The entry of a row that was kept by its name; None of a row of another version."""
+    return _BY_NAME.get(name)
+
+
+def requirement_of(row: Row) -> Requirement:
+    """The entry that a row was made from."""
+    return _BY_NAME[row.name]

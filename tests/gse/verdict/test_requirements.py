@@ -1,0 +1,153 @@
+"""The table of requirements: what an entry says reaches whoever needs it."""
+
+import json
+import math
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+from skies.known_nights import STATION, session
+
+from gse.report.files import junit_xml
+from gse.report.summary import summarise
+from gse.sessions.forecast import forecast_text
+from gse.station.results import Subject, Verdict
+from gse.statistics.decision import Outcome
+from gse.values.limits import Limits
+from gse.verdict.assessment import judge
+from gse.verdict.requirements import REQUIREMENTS, ExpectedSession, requirement_named, requirement_of
+from gse.verdict.session_comparison import session_comparison
+from gse.verdict.session_plan import plan_like, rows_left
+
+DOCS = Path(__file__).parents[3] / "docs"
+LIMITS = replace(STATION.limits, boresight_arcsec=90.0)
+"""With a limit for every row."""
+LIMITED = STATION.model_copy(update={"limits": LIMITS})
+
+
+@pytest.fixture(scope="module")
+def judged():
+    made = session(station=LIMITED)
+    return made, judge(made)
+
+
+def entries():
+    return pytest.mark.parametrize("requirement", REQUIREMENTS, ids=lambda requirement: requirement.name)
+
+
+def test_the_page_of_metrics_has_the_table_of_today():
+    sys.path.insert(0, str(DOCS))
+    try:
+        import make_requirements
+    finally:
+        sys.path.pop(0)
+    assert make_requirements.PAGE.read_text() == make_requirements.page(), "run: python docs/make_requirements.py"
+
+
+def test_each_limit_is_on_the_page_of_the_station_file():
+    page = (DOCS / "station-file.md").read_text()
+    assert [one.limit for one in REQUIREMENTS if f"`limits.{one.limit}`" not in page] == []
+
+
+def test_every_limit_is_asked_for_by_a_row():
+    assert {requirement.limit for requirement in REQUIREMENTS} == {one.name for one in fields(Limits)} - {"decision"}
+
+
+@entries()
+def test_an_entry_is_a_row_of_the_verdict_of_each_subject_that_it_applies_to(judged, requirement):
+    _, assessment = judged
+    rows = [row for row in assessment.rows if row.name == requirement.name]
+    subjects = [of for of in assessment.statistics.subjects.values() if requirement.applies(of)]
+    assert [row.subject for row in rows] == [of.subject for of in subjects]
+    for row in rows:
+        assert requirement_of(row) is requirement_named(row.name) is requirement
+        assert (row.unit, row.limit) == (requirement.unit, getattr(LIMITS, requirement.limit))
+        assert row.outcome is Outcome.PASS
+
+
+@entries()
+def test_an_entry_is_in_the_report_and_a_test_case_of_junit(judged, requirement):
+    made, assessment = judged
+    report = summarise(made, assessment)
+    asked = any(requirement.applies(of) for of in assessment.statistics.subjects.values())
+    assert (requirement.name in {item["name"] for item in report["measurements"]}) is asked
+    cases = {case.get("name") for case in ET.fromstring(junit_xml(json.loads(json.dumps(report)))).iter("testcase")}
+    assert (requirement.name in cases) is asked
+
+
+@entries()
+def test_the_forecast_waits_for_the_row_of_each_entry(judged, requirement):
+    """A row that is left says how long; the forecast of the session says the same."""
+    _, assessment = judged
+    row = next((row for row in assessment.rows if row.name == requirement.name), None)
+    if row is None:
+        return
+    open_row = replace(row, outcome=Outcome.INCONCLUSIVE, value=row.limit, uncertainty=math.nan, n_eff=4.0)
+    left = rows_left(replace(assessment, verdict=Verdict.INCONCLUSIVE, rows=(open_row,)))
+    assert [item.requirement for item in left] == [requirement]
+    others = [row for row in assessment.rows if row.name != requirement.name]
+    text = forecast_text(replace(assessment, verdict=Verdict.INCONCLUSIVE, rows=(*others, open_row)))
+    assert ("too early" in text) is math.isnan(left[0].minutes)
+
+
+def test_a_session_like_another_is_planned_for_every_row_that_is_judged(judged):
+    _, assessment = judged
+    plan = plan_like(assessment, Subject.ONBOARD, LIMITS)
+    names = ["dRA*", "dDE", "roll", "half-cone of 95 % of the boresights", "availability", "false answers"]
+    assert [row.name for row in plan.rows] == names
+    cone = plan.rows[3]
+    assert (cone.limit, cone.unit, cone.frames) == (90.0, "arcsec", assessment.statistics.frames)
+
+
+@pytest.mark.parametrize(
+    ("value", "outcome", "frames"),
+    [(80.0, Outcome.INCONCLUSIVE, "more"), (99.0, Outcome.INCONCLUSIVE, None), (99.0, Outcome.FAIL, None)],
+)
+def test_a_row_without_a_plan_of_its_own_needs_what_a_session_like_it_needs(judged, value, outcome, frames):
+    _, assessment = judged
+    changed = tuple(
+        replace(row, value=value, outcome=outcome, uncertainty=20.0, truth_uncertainty=0.0)
+        if row.name.startswith("half-cone")
+        else row
+        for row in assessment.rows
+    )
+    plan = plan_like(replace(assessment, rows=changed), Subject.ONBOARD, LIMITS)
+    (cone,) = (row for row in plan.rows if row.name.startswith("half-cone"))
+    assert cone.frames is None if frames is None else cone.frames > 3 * assessment.statistics.frames
+
+
+def test_a_row_without_a_limit_is_neither_tested_nor_planned_nor_compared():
+    made = session()
+    assessment = judge(made)
+    cone = next(row for row in assessment.rows if row.name.startswith("half-cone"))
+    assert cone.outcome is Outcome.NOT_TESTED
+    assert not any(row.name == cone.name for row in plan_like(assessment, Subject.ONBOARD, STATION.limits).rows)
+    assert not any(row.name == cone.name for row in session_comparison(made, made).rows)
+
+
+def test_a_row_without_a_comparison_of_its_own_is_compared_by_its_bounds():
+    """Of other panoramas; of the same ones nothing follows from bounds that hold for each alone."""
+    first, second = session(station=LIMITED), session(station=LIMITED, bias=(40.0, 0.0, 0.0), seed=2)
+    second.frames.columns["time_us"][:] += 10**12
+    (found,) = (row for row in session_comparison(first, second).rows if row.name.startswith("half-cone"))
+    assert found.second > found.first + 30
+    assert found.worse
+    second.frames.columns["time_us"][:] -= 10**12
+    (same,) = (row for row in session_comparison(first, second).rows if row.name.startswith("half-cone"))
+    assert math.isnan(same.sigmas)
+    assert not same.worse
+
+
+def test_each_limit_that_is_planned_moves_its_plan():
+    """A plan reads its own limit: a wider one never needs more frames."""
+    for key, wide in (("availability", 0.5), ("false_share", 0.2)):
+        plans = [
+            [row.frames for requirement in REQUIREMENTS if (row := requirement.planned(asked))]
+            for asked in (
+                ExpectedSession((), Limits(), 0.97, 10.0),
+                ExpectedSession((), replace(Limits(), **{key: wide}), 0.97, 10.0),
+            )
+        ]
+        assert sum(one != other for one, other in zip(*plans, strict=True)) == 1

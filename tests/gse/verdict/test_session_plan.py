@@ -1,0 +1,290 @@
+"""What is left of a session, and the plan of another one."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.stats
+from skies.synthetic_night import synthetic_night
+
+from gse.station.results import Subject, Verdict
+from gse.statistics.axis_statistics import axis_statistics
+from gse.statistics.decision import Criterion, Figure, Outcome, Row, judge_figure, minutes_more, share_of
+from gse.statistics.sampling import Bounds
+from gse.values.axis import D_DE, D_RA_COSDE
+from gse.values.limits import Decision, Limits
+from gse.verdict.assessment import Assessment, judge
+from gse.verdict.planning import NEVER, Expected, _first, availability_frames, figure_times, share_times
+from gse.verdict.requirements import HOST_TIME, AxisQuestion, ExpectedSession, RowPlan, requirement_of
+from gse.verdict.session_plan import SessionPlan, minutes_left, plan_like, rows_left, session_plan
+
+
+@pytest.fixture(scope="module")
+def few() -> Assessment:
+    return judge(synthetic_night(240))
+
+
+def test_a_row_is_decided_after_the_minutes_that_were_said(few) -> None:
+    left = {item.row.name: item.minutes for item in rows_left(few)}
+    assert few.verdict is Verdict.INCONCLUSIVE
+    assert 0 < left["false answers"] < NEVER
+    more = math.ceil(240 * (1 + left["false answers"] / (few.statistics.duration_s / 60)))
+    outcomes = [
+        next(row.outcome for row in judge(synthetic_night(count)).rows if row.name == "false answers")
+        for count in (more - 5, more + 5)
+    ]
+    assert outcomes == [Outcome.INCONCLUSIVE, Outcome.PASS]
+
+
+def test_a_figure_is_decided_after_the_minutes_that_its_reason_says(few) -> None:
+    figure = Figure(50.0, Bounds(0.0, 0.0, 30.0, 70.0), 100.0, 240, few.statistics.duration_s)
+    asked = Criterion(Subject.ONBOARD, "mean |dDE|", 60.0, Decision.GUARDED, "arcsec")
+    row = judge_figure(asked, figure, truth_uncertainty=2.0)
+    (left,) = rows_left(replace(few, rows=(row,)))
+    assert left.minutes == pytest.approx(minutes_more(figure, 60.0, 2.0))
+    assert 1 < left.minutes < 3
+
+
+def test_nothing_is_left_of_a_row_that_is_decided(few) -> None:
+    assert all(item.minutes == 0 for item in rows_left(few) if item.row.outcome is Outcome.PASS)
+
+
+def test_the_minutes_left_are_those_of_the_slowest_row(few) -> None:
+    left = [item.minutes for item in rows_left(few)]
+    found = minutes_left(few)
+    assert math.isnan(found) if any(map(math.isnan, left)) else found == (max(left) or NEVER)
+
+
+def test_another_session_is_planned_from_the_figures_of_one_that_was_judged(few) -> None:
+    plan = plan_like(few, Subject.ONBOARD, Limits())
+    assert plan.frames_per_s == pytest.approx(10.0)
+    assert [(row.name, row.frames) for row in plan.rows[:3]] == [("dRA*", 101), ("dDE", 101), ("roll", 101)]
+    assert [row.name for row in plan.rows[3:]] == ["availability", "false answers"]
+    assert 240 < plan.rows[3].frames < 2400  # 97 % of 240 frames leave it open
+    assert plan.rows[4].frames == 299
+    assert plan.minutes(plan.frames) == pytest.approx(plan.rows[3].frames / 600)
+
+
+def test_a_session_of_many_frames_a_second_is_planned_for_the_ten_seconds_that_bounds_need() -> None:
+    axis = AxisQuestion(D_RA_COSDE, Expected(0.0, 5.0, 0.0, 100.0), 60.0, 0.0)
+    plan = session_plan(ExpectedSession((axis,), Limits(), 1.0, 100.0))
+    assert plan.rows[0].frames == 1001
+
+
+def test_a_session_of_one_frame_plans_nothing() -> None:
+    assert plan_like(judge(synthetic_night(1)), Subject.ONBOARD, Limits()) is None
+
+
+def test_a_plan_with_a_row_that_cannot_pass_has_no_length() -> None:
+    rows = (RowPlan("dRA*", 60.0, "arcsec", 600), RowPlan("dDE", 60.0, "arcsec", None))
+    assert SessionPlan(rows, 10.0).frames is None
+    assert SessionPlan(rows[:1], 10.0).minutes(600) == pytest.approx(1.0)
+
+
+def test_noise_beyond_the_limit_never_passes() -> None:
+    axis = AxisQuestion(D_RA_COSDE, Expected(0.0, 100.0, 1.0, 10.0), 60.0, 1.0)
+    assert session_plan(ExpectedSession((axis,), Limits(), 1.0, 10.0)).rows[0].frames is None
+
+
+def test_answers_are_planned_as_independent_where_nothing_is_said_of_their_runs():
+    alone = session_plan(ExpectedSession((), Limits(), 0.99, 10.0))
+    in_runs = session_plan(ExpectedSession((), Limits(), 0.99, 10.0, frames_per_answer=3.0))
+    assert alone.rows[0].frames == availability_frames(0.99, 0.95)
+    assert in_runs.rows[0].frames == availability_frames(0.99, 0.95, frames_per_value=3.0)
+
+
+# By hand
+
+
+@pytest.mark.parametrize(("hz", "frames"), [(1.0, 30), (2.9, 30), (3.0, 31), (4.96, 51), (10.0, 101)])
+def test_a_plan_has_a_row_of_each_axis_and_share_of_ten_seconds_at_least(hz, frames):
+    """Far within its limit an axis takes 30 frames, and 10 s end with one more frame than they have steps."""
+    limits = Limits(availability=0.9, false_share=0.05)
+    axes = (
+        AxisQuestion(D_RA_COSDE, Expected(0.0, 1.0, 0.0, hz), 1000.0, 0.0),
+        AxisQuestion(D_DE, Expected(70.0, 0.0, 0.0, hz), 60.0, 0.0),
+    )
+    plan = session_plan(ExpectedSession(axes, limits, 1.0, hz))
+    assert plan.rows == (
+        RowPlan("dRA*", 1000.0, "arcsec", frames),
+        RowPlan("dDE", 60.0, "arcsec", None),
+        RowPlan("availability", 0.9, "", 29),  # 0.9 ** 29 is below 5 %
+        RowPlan("false answers", 0.05, "", 59),
+    )
+    assert plan.frames_per_s == hz
+    assert plan.frames is None
+    assert replace(plan, rows=plan.rows[2:]).frames == 59
+    assert replace(plan, rows=()).frames is None
+    assert plan.minutes(None) is None
+    assert plan.minutes(600) == pytest.approx(10 / hz)
+
+
+@pytest.mark.parametrize("threshold", [1.25, 37.5, 9999.0, 999_999.0])
+def test_the_first_length_that_decides_is_found_by_bisection(threshold):
+    assert _first(lambda times: times >= threshold) == pytest.approx(threshold, rel=1e-9)
+
+
+def times_until(decides):
+    return scipy.optimize.brentq(decides, 1.0, 1000.0, xtol=1e-12) - 1
+
+
+@pytest.mark.parametrize(
+    ("share", "limit", "at_least", "expected"),
+    [
+        (share_of(0, 100), 0.01, False, math.log(0.05) / math.log(0.99) / 100 - 1),
+        (share_of(0, 100, 50.0), 0.01, False, math.log(0.05) / math.log(0.99) / 50 - 1),
+        (share_of(50, 50), 0.95, True, math.log(0.05) / math.log(0.95) / 50 - 1),
+        (
+            share_of(98, 100),
+            0.95,
+            True,
+            times_until(lambda times: scipy.stats.beta.ppf(0.05, 98 * times, 2 * times + 1) - 0.95),
+        ),
+        (
+            share_of(93, 100),
+            0.95,
+            True,
+            times_until(lambda times: scipy.stats.beta.ppf(0.95, 93 * times + 1, 7 * times) - 0.95),
+        ),
+        (
+            share_of(3, 100),
+            0.02,
+            False,
+            times_until(lambda times: scipy.stats.beta.ppf(0.05, 3 * times, 97 * times + 1) - 0.02),
+        ),
+        (share_of(95, 100), 0.95, True, NEVER),
+        (share_of(1, 100), 0.01, False, NEVER),
+        (share_of(100, 100), 0.95, True, 0.0),
+    ],
+)
+def test_a_share_is_decided_when_its_bounds_have_come_to_its_limit(share, limit, at_least, expected):
+    assert share_times(share, limit, at_least=at_least) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+def row_of(name, outcome=Outcome.INCONCLUSIVE, *, unit="", limit=0.01, value=0.0, **more):
+    return Row(Subject.ONBOARD, name, value, unit, limit, outcome, **more)
+
+
+@pytest.mark.parametrize(
+    ("uncertainty", "truth", "n_eff", "times"),
+    [
+        (20.0, 0.0, math.inf, 3.0),  # 10 arcsec of room: half of it takes four times as long
+        (math.hypot(12.0, 4.0), 4 / 1.645, math.inf, 144 / 84 - 1),  # of 100 truth takes 16
+        (3.9, 4 / 1.645, math.inf, 0.0),
+        (20.0, 11 / 1.645, math.inf, NEVER),
+        (math.nan, 0.0, math.inf, math.nan),
+    ],
+)
+def test_a_figure_is_decided_when_what_sampling_leaves_open_fits_into_the_room(uncertainty, truth, n_eff, times):
+    row = row_of("mean |dDE|", unit="arcsec", limit=60.0, value=50.0, uncertainty=uncertainty, truth_uncertainty=truth)
+    assert figure_times(replace(row, n_eff=n_eff)) == pytest.approx(times, nan_ok=True)
+
+
+def test_a_figure_of_few_independent_values_is_decided_earlier():
+    row = row_of(
+        "mean |dDE|", unit="arcsec", limit=60.0, value=50.0, uncertainty=20.0, truth_uncertainty=0.0, n_eff=3.0
+    )
+    assert 0 < figure_times(row) < 2
+
+
+TIME = HOST_TIME.name
+SUBJECT = SimpleNamespace(available=share_of(50, 50), false_answers=share_of(0, 100), slow=share_of(0, 150))
+
+
+@pytest.mark.parametrize(
+    ("row", "times"),
+    [
+        (row_of("availability", limit=0.95), 58.4040 / 50 - 1),
+        (row_of("false answers", limit=0.02), 148.2837 / 100 - 1),
+        (row_of(TIME, limit=0.5), 298.0729 / 150 - 1),  # 1 %, whatever the time that is allowed
+        (row_of("mean |dDE|", unit="arcsec", limit=10.0, uncertainty=20.0, truth_uncertainty=0.0, n_eff=math.inf), 3.0),
+        (row_of("availability", Outcome.PASS, limit=0.95), 0.0),
+        (row_of("mean |dDE|", Outcome.FAIL, unit="arcsec", limit=10.0, uncertainty=20.0), 0.0),
+    ],
+)
+def test_each_row_is_decided_by_its_own_share_or_figure(row, times):
+    """0.95, 0.98 and 0.99 to these powers are 5 %."""
+    assert requirement_of(row).times_left(row, SUBJECT) == pytest.approx(times, abs=1e-5)
+
+
+def judged(*rows, verdict=Verdict.INCONCLUSIVE):
+    statistics = SimpleNamespace(duration_s=600.0, subjects={Subject.ONBOARD: SUBJECT})
+    return SimpleNamespace(verdict=verdict, statistics=statistics, rows=rows)
+
+
+FALSE, SLOW = row_of("false answers", limit=0.02), row_of(TIME)
+UNKNOWN = row_of("mean |dDE|", unit="arcsec", limit=10.0)
+
+
+@pytest.mark.parametrize(
+    ("assessment", "minutes"),
+    [
+        (judged(FALSE, SLOW), 10 * (298.0729 / 150 - 1)),
+        (judged(SLOW, FALSE), 10 * (298.0729 / 150 - 1)),
+        (judged(FALSE), 10 * (148.2837 / 100 - 1)),
+        (judged(FALSE, row_of(TIME, Outcome.NOT_TESTED)), 10 * (148.2837 / 100 - 1)),
+        (judged(FALSE, UNKNOWN), math.nan),
+        (judged(), NEVER),
+        (judged(row_of("false answers", Outcome.PASS)), NEVER),  # what is not a row stands against it
+        (judged(FALSE, verdict=Verdict.PASS), 0.0),
+        (judged(FALSE, verdict=Verdict.FAIL), 0.0),
+    ],
+)
+def test_a_session_has_its_verdict_after_the_minutes_of_its_slowest_row(assessment, minutes):
+    assert minutes_left(assessment) == pytest.approx(minutes, abs=1e-4, nan_ok=True)
+
+
+def test_rows_that_were_not_tested_are_left_out():
+    rows = (FALSE, row_of(TIME, Outcome.NOT_TESTED), row_of("availability", Outcome.PASS))
+    left = rows_left(judged(*rows))
+    assert [item.row for item in left] == [rows[0], rows[2]]
+    assert [item.minutes for item in left] == pytest.approx([10 * (148.2837 / 100 - 1), 0.0], abs=1e-4)
+
+
+NOTHING = axis_statistics(np.array([], dtype=np.int64), np.array([]))
+
+
+def seen(*, available, tau_s=0.0, duration_s=600.0, truth=1.0, frames=1201):
+    figures = replace(NOTHING, bias_arcsec=1.0, std_arcsec=2.0, tau_s=0.0)
+    axes = {"d_ra_cosde": figures, "d_de": figures, "d_roll": replace(figures, tau_s=tau_s)}
+    subject = SimpleNamespace(subject=Subject.ONBOARD, axes=axes, available=available)
+    statistics = SimpleNamespace(duration_s=duration_s, frames=frames, subjects={Subject.ONBOARD: subject})
+    standards = {"d_ra_cosde": 1.0, "d_de": 1.0, "d_roll": truth}
+    budget = SimpleNamespace(
+        axes={key: SimpleNamespace(one_sided_arcsec=1.645 * one) for key, one in standards.items()}
+    )
+    return SimpleNamespace(statistics=statistics, budget=budget, rows=())
+
+
+WIDE = Limits(d_ra_cosde_arcsec=900.0, d_de_arcsec=1000.0, d_roll_arcsec=1100.0)
+
+
+def test_a_session_like_another_has_its_rate_its_axes_and_its_runs_of_answers():
+    """1201 frames in 600 s are two a second; 2.5 of them tell as much as one that is independent."""
+    plan = plan_like(seen(available=share_of(1000, 1000, 400.0)), Subject.ONBOARD, WIDE)
+    assert plan.frames_per_s == 2.0
+    assert plan.rows == (
+        RowPlan("dRA*", 900.0, "arcsec", 30),
+        RowPlan("dDE", 1000.0, "arcsec", 30),
+        RowPlan("roll", 1100.0, "arcsec", 30),
+        RowPlan("availability", 0.95, "", 148),  # 59 runs of 2.5 are 147.5
+        RowPlan("false answers", 0.01, "", 299),
+    )
+
+
+@pytest.mark.parametrize(
+    "changes", [{"tau_s": math.nan}, {"truth": math.inf}, {"duration_s": 0.0}, {"duration_s": -1.0}]
+)
+def test_a_session_that_says_too_little_plans_no_other(changes):
+    assert plan_like(seen(available=share_of(9, 9), **changes), Subject.ONBOARD, WIDE) is None
+
+
+def test_short_sessions_and_those_without_answers_are_planned_too():
+    short = plan_like(seen(available=share_of(9, 9), duration_s=0.5, frames=2), Subject.ONBOARD, WIDE)
+    assert short.frames_per_s == 2.0
+    none = plan_like(seen(available=share_of(0, 1000)), Subject.ONBOARD, WIDE)
+    assert none.rows[3].frames is None
+    assert plan_like(seen(available=share_of(0, 0)), Subject.ONBOARD, WIDE) is None

@@ -1,0 +1,110 @@
+"""Nights by astropy alone with one thing wrong, judged: the word and what it is named for."""
+
+from dataclasses import replace
+
+import pytest
+from skies.wrong_night import Plan, World, session
+
+from gse.station.results import Verdict
+from gse.values.site import Site
+from gse.verdict.assessment import judge
+
+SITE = Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0, pressure_hpa=955.0, temperature_c=8.0)
+WORLD = World(SITE, azimuth_deg=130.0, altitude_deg=60.0, roll_deg=30.0)
+PLAN = Plan("2026-03-20T21:30:00Z", 60.0, 2.0, seed=6)
+
+
+@pytest.mark.parametrize(("clock_s", "scale"), [(18.0, "GPS time"), (37.0, "TAI")])
+def test_a_clock_of_another_time_scale_is_a_mistake_of_the_set_up(clock_s, scale):
+    judged = judge(session(WORLD, replace(WORLD, clock_s=clock_s), PLAN))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.reasons[0].startswith(f"set-up: clock set to {scale}: ")
+    assert any("by the set-up (clock set to" in reason for reason in judged.reasons)
+
+
+def test_an_offset_that_is_no_time_scale_may_be_the_sensors():
+    judged = judge(session(WORLD, replace(WORLD, clock_s=20.0), PLAN))
+    assert judged.findings[0].cause == "clock offset"
+    assert judged.verdict is Verdict.FAIL
+
+
+def test_a_sensor_whose_picture_stands_still_is_frozen_and_no_moving_mount():
+    """Its time tags go on; clean whole pixels of the same night are seldom those of the frame before."""
+    (finding,) = judge(session(WORLD, replace(WORLD, frozen_from_s=20.0), PLAN)).findings
+    assert finding.cause == "frozen sensor"
+    assert finding.size.startswith("81 panoramas in a row show the same objects on the same pixels, for 40 s")
+
+
+def test_a_sensor_that_sends_no_brightness_fails_with_the_reason():
+    judged = judge(session(WORLD, replace(WORLD, brightness=False), PLAN))
+    assert judged.verdict is Verdict.FAIL
+    (finding,) = judged.findings
+    assert finding.cause == "faulty panoramas"
+    assert "the same for all objects" in finding.size
+
+
+def test_an_identifier_that_knows_too_few_stars_is_named_and_not_the_optics():
+    """A field of eight degrees: 20 stars to magnitude 7.3, and 4 to the catalogue's 6.6."""
+    world = replace(WORLD, azimuth_deg=133.87, roll_deg=-94.94, focal_length_px=7322.0, faintest_mag=7.6)
+    world = replace(world, altitude_deg=60.0, whole_pixels=False)
+    assessment = judge(session(world, world, Plan("2026-03-20T21:30:00Z", 4.0, 3.0, 1)))
+    (finding,) = assessment.findings
+    assert finding.cause == "identifier without an answer"
+    assert "none of 12 panoramas" in finding.size
+    assert "its catalogue holds 4" in finding.size or "its catalogue holds 3" in finding.size
+    assert "identifier.catalog_stars" in finding.next_step
+
+
+def test_errors_that_single_stars_explain_are_their_noise():
+    world = replace(WORLD, size_px=512, focal_length_px=703.0, faintest_mag=4.6, whole_pixels=False, noise_px=0.6)
+    told = judge(session(world, world, replace(PLAN, seconds=40.0)))
+    (finding,) = told.findings
+    assert finding.cause == "centroid noise"
+    assert "(0.6" in finding.size or "(0.5" in finding.size
+
+
+LENS = replace(WORLD, focal_length_px=731.0, faintest_mag=3.9, whole_pixels=False, noise_px=0.1)
+
+
+def test_a_wide_lens_that_is_not_as_stated_is_no_fault_of_the_identifier():
+    """Half of the stars at the edge are not where they are looked for, and the answers of such panoramas are wrong."""
+    told = judge(session(LENS, replace(LENS, k1=-0.01), replace(PLAN, seconds=20.0, rate_hz=5.0)))
+    assert [finding.cause for finding in told.findings] == ["distortion"]
+    assert told.verdict is Verdict.INCONCLUSIVE
+    assert told.reasons[0].startswith("set-up: distortion: ")
+
+
+def test_a_wide_lens_that_leaves_few_right_answers_is_the_cameras():
+    told = judge(session(LENS, replace(LENS, k1=-0.01), replace(PLAN, seconds=12.0)))
+    (finding,) = told.findings
+    assert finding.cause == "camera"
+    assert "a distortion of the lens" in finding.equals
+
+
+def test_a_wide_field_that_reaches_to_the_horizon_is_told_before_the_camera():
+    low = replace(LENS, altitude_deg=30.0)
+    told = judge(session(low, replace(low, k1=-0.03), replace(PLAN, seconds=12.0)))
+    assert told.findings[0].cause == "field near the horizon"
+    assert "down to an altitude of" in told.findings[0].size
+
+
+def test_a_distortion_is_told_in_a_field_that_reaches_to_the_horizon():
+    low = replace(LENS, altitude_deg=30.0)
+    told = judge(session(low, replace(low, k1=-0.01), replace(PLAN, seconds=12.0)))
+    assert [finding.cause for finding in told.findings] == ["distortion"]
+    assert "radial_distortion: [-0.01" in told.findings[0].size
+
+
+def test_air_that_is_not_that_of_the_height_fails_no_sensor():
+    world = replace(WORLD, altitude_deg=20.0, whole_pixels=False)
+    told = judge(session(world.at(pressure_hpa=0.0), world, PLAN))
+    assert told.findings[0].cause == "refraction"
+    assert told.verdict is Verdict.INCONCLUSIVE
+    assert any("by the set-up (refraction)" in reason for reason in told.reasons)
+
+
+def test_a_proxy_that_delays_each_frame_is_no_step_of_the_clock():
+    world = replace(WORLD, whole_pixels=False, noise_px=0.1, at_s=30.0)
+    (finding,) = judge(session(world, replace(world, late_s=0.6), replace(PLAN, seconds=120.0))).findings
+    assert finding.cause == "link delay"
+    assert finding.size.startswith("frames come 0.600 s later from 2026-03-20T21:30:30Z on")
