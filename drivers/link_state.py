@@ -25,7 +25,7 @@ SILENCE_S = 3.0
 """The slowest sensor known exposes for 2 s."""
 _LAST_FRAMES = 8
 _IN_INTERVALS = 2
-"""Of frames: so long a slow sensor may be silent."""
+"""Intervals between frames for which a slow sensor may be silent."""
 SAMPLE_BYTES = 4096
 FEW_VALUES = 16
 """A line read with a much too high baud rate gives few byte values, a frame of any protocol many more."""

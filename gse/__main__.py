@@ -10,7 +10,7 @@ import warnings
 from typing import Any
 
 _EXIT_USAGE, _EXIT_INTERRUPTED = 2, 130
-"""Those of gse.cli, which takes numpy and pydantic to import."""
+"""Exit codes of gse.cli; importing them from there would take numpy and pydantic."""
 
 _OLDEST_PYTHON = (3, 11)
 

@@ -75,7 +75,7 @@ def _left_out(
 # error smooths the harmonics further.
 
 SQUARES_UNCERTAINTY = 0.015
-"""Of the mean square, standard and relative: outliers, and stars of different noise."""
+"""Relative standard uncertainty of the mean square, from outliers and stars of different noise."""
 _GRID = 64
 _PHASES = (np.arange(_GRID) + 0.5) / _GRID - 0.5
 _PIXELS = np.arange(-4, 5)[:, None]

@@ -28,9 +28,9 @@ from gse.evaluation.plan import FrameOutcome, Plan
 
 LOOPBACK = "127.0.0.1"
 RETRIES = 2
-"""Of a session whose judgement was cut off, after the workers that Dask lets it take with it."""
+"""A session whose worker ended is judged so many times more."""
 MORE_WORKERS = 8
-"""That a task may take with it after those, before it is held to be what ends them."""
+"""A task that has ended this many workers more is taken to be the cause."""
 _NO_PAGES: dict[str, object] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 _NO_PROFILE = {"distributed.worker.profile.enabled": False}
 """Dask samples the stack of each worker all the time and keeps what it saw: 0.2 MB a session, which nobody reads."""

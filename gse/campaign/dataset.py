@@ -78,7 +78,7 @@ INDEX = "index/sessions.parquet"
 _SOURCES = "index/sources.parquet"
 _MOST_MARK_BYTES = 10_000
 _MOST_BYTES_PER_SESSION = 1 << 20
-"""Of a row in sessions, beside those that each file may have; a usual one has 0.1 MB."""
+"""Most bytes of a row in sessions, beside what each file may have; a usual row has 0.1 MB."""
 _MOST_GONE = 1000
 """Rows of the index whose session was deleted: where there are more, the index is not used."""
 _ROWS_TOGETHER = 200

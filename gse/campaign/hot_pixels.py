@@ -15,7 +15,7 @@ from gse.station.session_data import SessionData
 
 _PIXEL = pa.struct([field("x_px", pa.int32()), field("y_px", pa.int32()), field("frames", pa.int64())])
 COLUMN = field("hot_pixels_seen", pa.list_(_PIXEL))
-"""Of the table of sessions: the pixels that were told to be hot, with the number of frames."""
+"""Column of the table of sessions: the pixels that were seen to be hot, with the number of frames."""
 
 
 class HotPixelCounter:

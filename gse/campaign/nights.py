@@ -52,7 +52,7 @@ COLUMNS = (
     *("limit_decision", COLUMN.name),
     *(f"{subject.value}_{name}" for subject in Subject for name in _OF_SUBJECT),
 )
-"""Of the table of sessions, what the report reads."""
+"""The columns of the table of sessions that the report reads."""
 
 
 @dataclass(frozen=True, slots=True)

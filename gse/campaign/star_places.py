@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gse.campaign.atlas import sigmas_of_place
 
 SIGMAS = 5.0
-"""From here on a star is named."""
+"""A star is named from so many standard deviations on."""
 MIN_BLOCKS = 5
 BLOCK_NS = 60_000_000_000
 _TURNS = 60

@@ -38,7 +38,7 @@ _EXACT_WITHIN = 1e-14
 """A vector of double precision is taken to the bit."""
 _WHOLE_URAD = 2.0
 _COSINE_ERROR = 1.2e-7
-"""Of single precision: a distance from its arc cosine errs by this over its sine."""
+"""Error of a cosine in single precision; a distance taken from its arc cosine errs by this over its sine."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,7 +82,7 @@ _BSC5_MOST_STARS = 1_000_000
 
 _HIP_FIELDS = 78
 _HIP_MOST_BYTES = 1000
-"""Of a line, which has 450."""
+"""Longest line that is read; the catalogue's own lines have 450 bytes."""
 _HIP_NUMBER, _HIP_RA_HMS, _HIP_DE_DMS, _HIP_V, _HIP_RA, _HIP_DE, _HIP_MU_RA, _HIP_MU_DE = 1, 3, 4, 5, 8, 9, 12, 13
 """Fields H1, H3, H4, H5, H8, H9, H12, H13 of the main catalogue, ESA 1997."""
 

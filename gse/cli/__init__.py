@@ -39,10 +39,10 @@ EXIT_INTERNAL = 70
 EXIT_INTERRUPTED = 130
 
 _NOT_TAKEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
-"""Of a full, broken or locked disk, and of a terminal that is gone."""
+"""Errors of a disk that is full, broken or locked, and of a terminal that is gone."""
 
 _NOT_OPEN = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
-"""Of a path that is closed to this user, that is not a path at all, or that is something else than expected."""
+"""Errors of a path that this user may not open, that is no path, or that is another kind of thing than expected."""
 
 _GIVE_ROOM = "gse takes up to 400 MiB, and 1.2 GB of addresses: raise its limit, or end other programs"
 _NO_ROOM = "failed to map segment"

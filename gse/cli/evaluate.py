@@ -94,7 +94,7 @@ BENCHMARK = ("robust", "neighbour", "pivot", "match-group")
 """The identifiers of --panoramas."""
 
 _COLUMNS = 80
-"""Of a terminal."""
+"""Width of a terminal in characters."""
 _NOISE_ARCSEC, _NOISE_MAGNITUDE, _LIMIT = 10.0, 0.3, 6.0
 
 

@@ -80,7 +80,7 @@ def without_steps(
 # Errors beyond their limits that no cause explains: the noise of single stars, or none of what is known here.
 
 _MOST_RATIO = 1.4
-"""Of the errors to what single stars leave: within it nothing else makes half of their variance."""
+"""Largest ratio of the errors to what single stars leave; within it nothing else makes half of their variance."""
 _FITTED = 1.5
 """Stars' worth of residuals that a fit of three angles takes."""
 
@@ -301,8 +301,8 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
 # Live diagnosis: findings of a running session, announced when they first show.
 
 FIRST_AFTER_S = 10.0
-"""Of the data's time, after the first panorama; then after 20 s, and whenever a third more has passed, 20 s at least: a
-look costs half a second of the loop's thread."""
+"""Time in the data from the first panorama to the first look; then after 20 s, and whenever a third more has passed,
+20 s at least: a look costs half a second of the loop's thread."""
 _SHARE, _LEAST_S = 3, 20.0
 
 

@@ -29,7 +29,7 @@ from gse.values.star_influence import (
 MIN_STARS = 5
 """Fewer do not tell by how much stars differ."""
 _LEAST_LEFT = 0.1
-"""Of the variance of a star's error in its residual: what is smaller tells nothing of it."""
+"""Least share of a star's error variance that its residual must keep; a smaller share tells nothing of the error."""
 
 
 @dataclass(frozen=True, slots=True)

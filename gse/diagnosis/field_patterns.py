@@ -21,7 +21,7 @@ from gse.values.site import Site
 from gse.values.star_influence import FrameFits, boresight_shifts, star_covariance, unfitted
 
 PARAMETERS = ("focal length", "k1", "k2", "p1", "p2", "principal point x", "principal point y", "pressure")
-"""Of the truth, less what is stated: the first as a share, the points in px, the pressure in hPa."""
+"""Each is the truth less what is stated: the focal length as a share, the points in px, the pressure in hPa."""
 
 _STEPS = (1e-5, 1e-4, 1e-4, 1e-4, 1e-4, 0.1, 0.1, 300.0)
 _MOST_ROWS = 40_000

@@ -35,7 +35,7 @@ STEPS = ("clock step", "slip of the mount")
 _STEPS = 96
 _FEWEST_CYCLES, _CYCLE_STEP = 1.0, 0.25
 _SINUSOID_MOST_SHARE = 0.25
-"""Of the ordinates: shorter periods are vibration, or pixels that stars cross."""
+"""Largest share of the ordinates; shorter periods are vibration, or pixels that stars cross."""
 _SINUSOID_LEAST_S = 60.0
 _SWINGS = {"sinusoid": (0, 1), "columns": (0,), "rows": (1,)}
 
@@ -144,12 +144,13 @@ _EXCLUSIVE = (
     frozenset({"focal length", "distortion", "refraction"}),
 )
 _LEAST_WITHOUT_ONE = 0.5
-"""Of what a cause must be worth: in a field of few stars one at the edge may tell half of a distortion."""
+"""Share of its worth that a cause keeps without any one star; in a field of few stars one at the edge may tell half of
+a distortion."""
 _AROUND = 5
 """Frames next to one whose median says what it would be if it were no outlier."""
 _REFINEMENTS = 6
 _REST_SHARE = 0.2
-"""Of the size of an earlier change over time."""
+"""A change over time that is smaller than this share of an earlier one is taken for what that one left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

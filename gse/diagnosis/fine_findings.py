@@ -39,7 +39,7 @@ from gse.values.text import percent
 
 _CAUSE = "vibration"
 LEAST_RATIO = 4.0
-"""Of the variances, so that the scatter is twice what stars explain: seeing makes a part of it too."""
+"""Least ratio of the variances: the scatter is then twice what stars explain, since seeing makes a part of it too."""
 _LEAST_SIGMAS = 5.0
 _BLOCK_S, _MIN_BLOCKS = 20.0, 8
 _FRAMES_OF_BLOCK = 12

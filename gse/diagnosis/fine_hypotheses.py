@@ -18,7 +18,8 @@ from gse.values.site import Site
 FALSE_ALARM = 2e-3
 """Chance that a session in which nothing is wrong has a finding by noise."""
 _HYPOTHESES = 25
-"""That compete, each with an equal share of it, of which the places that it is searched at have equal shares."""
+"""Number of hypotheses that compete. Each has an equal share of the prior, split equally over the places where it is
+searched."""
 MOST_HPA, _COLDEST_K = 1085.0, 180.0
 """The highest pressure and the lowest temperature on record: air that is colder than stated bends light as denser."""
 ZERO_C_K = 273.15

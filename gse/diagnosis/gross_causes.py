@@ -330,7 +330,7 @@ GROSS_DEG = 0.3
 _HIT_SHARE = 0.2
 """A hypothesis must leave less of the error than this."""
 _MAJORITY = 0.6
-"""Of the frames that are looked at: false answers are few."""
+"""Least share of the frames that must agree; false answers are few."""
 _STEADY_DEG = 0.2
 """A mount that is fixed on the ground, though wrongly described, holds still within this."""
 

@@ -22,7 +22,7 @@ _BEFORE_S, _AFTER_S = 90.0, 60.0
 _FEWEST = 8
 """Frames on either side: of so many one is read at once."""
 _STEADY = 0.25
-"""Of a step: more change on one side of it is a drift, which has half of it there."""
+"""Largest share of a step that may change on one side of it; a drift has half of it there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

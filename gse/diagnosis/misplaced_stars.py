@@ -19,7 +19,7 @@ _FEWEST_ANSWERED = 5
 STARS_FALL_OUT = ("distortion", "focal length", "principal point")
 """Causes that may move stars by more than they are matched within; beside them all others are guesses then."""
 FALLEN_OUT_SHARE = 0.3
-"""Of those that are matched: more than satellites, noise or a few hot pixels."""
+"""Least share of the matched stars; satellites, noise or a few hot pixels make fewer."""
 
 
 def stars_fall_out(frames: Columns, used: NDArray[np.bool_]) -> bool:

@@ -80,7 +80,7 @@ LEAP_S = 0.5
 
 _FEWEST_STUCK = 3
 _OFTEN_STUCK = 0.1
-"""Of the frames: the instants of these are not known, and what fits their errors is no cause."""
+"""Share of frames with a stuck time tag from which on no cause is named: their instants are not known."""
 _RATE_FRAMES = 40
 _RATE_OFF = 0.05
 """A share that no oscillator is off by."""
@@ -159,7 +159,8 @@ _FEWEST_STARS, _FEWEST_ROWS = 6, 200
 _HIDDEN_PX = 0.1
 """Residuals that are smaller by chance have no logarithm of use."""
 _AS_BRIGHT = 0.75
-"""Of the transparency at the beginning: stars behind a cloud are faint, and scatter for that."""
+"""Least transparency, as a share of that at the beginning; stars behind a cloud are faint, and scatter more for that
+reason."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -298,12 +298,12 @@ def _angle(arcsec: float) -> str:
 
 _STAR_SIGMAS = 4.0
 _OTHER_STARS = 0.2
-"""Of the stars here: a sensor that takes so many more or fewer chooses them otherwise."""
+"""A sensor that uses more or fewer stars by this share chooses them in another way."""
 _STANDSTILL_S = 2.0
 _FEWEST_ALIKE = 5
 """So many answers in a row that are the same to the last digit, for so long: the sky has turned by 30 arcsec."""
 _MOST_ALIKE = 0.5
-"""Of the answers: the median of all is then one that stood still."""
+"""Share of answers alike from which on the median of all is one that stood still."""
 _OF_ABERRATION = 1.5
 """Times its size: what the noise of a fit adds to it."""
 

@@ -34,7 +34,7 @@ _OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKin
 _NO_STATION = "station file"
 _NOTHING = "nothing identified"
 _KEPT_SHARE = 0.9
-"""Of some 15 frames: one may lie outside."""
+"""Share of some 15 frames that must lie inside: one may lie outside."""
 
 
 def lost_station(session: SessionData) -> Finding | None:

@@ -24,7 +24,7 @@ START_S = 10.0
 MOST_SILENT_STARTS = 5
 """Starts in a row without an answer within their time, a minute of a session in all: the program will not answer."""
 MOST_LOG_BYTES = 1 << 20
-"""Of what a program writes to stderr in a session."""
+"""Most bytes that are kept of what a program writes to stderr in a session."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from gse.identifier.pivot import PivotIdentifier
 from gse.identifier.pivot_search import PIVOT_MEMBERS
 
 MAGNITUDE_GATE = 1.0
-"""Of 0.5 to 1.5 mag, the nearest to the curve of the pivot paper, figure 14."""
+"""Of the gates from 0.5 to 1.5 mag this one comes nearest to the curve of the pivot paper, figure 14."""
 
 
 class MatchGroupIdentifier(PivotIdentifier):

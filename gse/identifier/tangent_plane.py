@@ -16,7 +16,7 @@ from gse.process.jit import compiled, compiled_part
 U_BINS = 64
 
 SMALLEST_RANGE = 1e-9
-"""Of the objects' u, where all lie in one column."""
+"""Smallest range of the objects' u, for objects that all lie in one column."""
 
 
 class Objects(NamedTuple):

@@ -162,7 +162,7 @@ def _least(separations_deg: NDArray[np.float64]) -> float:
 
 RATE_HZ = 10.0
 _STARS = 20
-"""In an ordinary panorama."""
+"""Stars that are named in an ordinary panorama."""
 
 
 def planned_session(station: Station) -> SessionPlan:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _PROGRAM = "gse-star-sensor"
 _OURS = ("__main__", "drivers", "gse", "protocols")
 _MOST_LENGTH = 200
-"""Of an error's own words: some packages write a page."""
+"""Most characters that are shown of an error's own words; some packages write a page."""
 
 
 def broken_package(error: BaseException) -> str | None:

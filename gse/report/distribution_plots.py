@@ -18,7 +18,7 @@ from gse.view.drawing import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, he
 
 _SPECTRUM_BINS = 150
 _MAX_SLOTS = 1 << 22
-"""Of a night with more of them (five days at 10 Hz) the first are drawn."""
+"""Most slots of a spectrum; of a longer night (five days at 10 Hz) the first ones are drawn."""
 
 
 def power_density(

@@ -45,7 +45,7 @@ _AXIS_COLUMNS = (
 )
 _MAX_EVENTS = 200
 NO_PLOTS = '<meta name="gse-plots" content="none">'
-"""In the head of a page without plots."""
+"""Mark in the head of a page without plots."""
 _ARCSEC_PER_DEG = 3600.0
 
 

@@ -9,13 +9,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 ROWS_AT_ONCE = 1 << 13
-"""Of a row group: a longer table is made and written in parts, for each of which a writer holds ten times its bytes."""
+"""Rows of a row group; a longer table is written in parts, since a writer holds ten times the bytes of each."""
 MOST_ROWS = 1 << 24
 """Two weeks of frames at 10 Hz."""
 MOST_BYTES_PER_ROW = 4096
 """Unpacked; a frame has 400 bytes, and one dictionary of words serves all rows."""
 MOST_BYTES_BESIDE = 1 << 22
-"""Of dictionaries and heads, in a file with few rows."""
+"""Most bytes of dictionaries and heads in a file with few rows."""
 _MOST_FOOTER = 1 << 24
 FOOTER_LIMITS = {"thrift_string_size_limit": _MOST_FOOTER, "thrift_container_size_limit": _MOST_FOOTER}
 """Options of a reader."""

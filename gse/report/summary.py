@@ -66,9 +66,9 @@ def _said(sent: list[str], stated: str | None) -> dict[str, Any]:
 
 SCHEMA = "gse.report/1"
 DECIMALS = {"deg": 6, "arcsec": 3}
-"""Of an angle: 1e-6 deg is 0.0036 arcsec."""
+"""Decimals of an angle by its unit; 1e-6 deg is 0.0036 arcsec."""
 DIGITS = 6
-"""Of every other number. Processors differ by 1e-8 arcsec, or in the tenth digit: rounded so they hardly ever do."""
+"""Significant digits of every other number; processors differ in the tenth, which rounding hides almost always."""
 
 
 def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:

@@ -17,7 +17,8 @@ from gse.station.results import Subject
 # Columns of the tables: a name says the unit, metadata say unit and subject.
 
 SCHEMA_VERSION = 1
-"""Of the three tables: one more where a column goes, or changes its name, type or meaning; not for a new column."""
+"""Version of the three tables. It grows where a column goes or changes its name, type or meaning, not for a new
+column."""
 
 _UTC = "UTC"
 _PURE_NUMBERS = ("n", "n_eff", "count", "of", "k", "known", "stars")

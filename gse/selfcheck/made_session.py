@@ -154,7 +154,7 @@ mount: {{azimuth_deg: {AZIMUTH_DEG}, altitude_deg: {ALTITUDE_DEG}, roll_deg: {RO
 protocol: panorama-v1-subpixel
 identifier: {{catalog_stars: 4000}}
 """
-"""What the sensor is said to be."""
+"""The station file of the made sensor."""
 
 _STARS = 25
 _EXPOSURE_S = 0.1

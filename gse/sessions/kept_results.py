@@ -99,7 +99,7 @@ class KeptContext(BaseModel):
 
 CONTEXT = "context.json"
 MOST_BYTES = 2 << 30
-"""Of all kept results; those that were used longest ago go first. A night of 8 h at 10 Hz takes 60 MB."""
+"""Most bytes of all kept results; those that were used longest ago go first."""
 MOST_CONTEXT_BYTES = 64 << 20
 """20,000 events, 50,000 readings of the clock and as many STATUS messages take 30 MB."""
 _DAMAGED = (OSError, ValueError, KeyError, TypeError, pa.ArrowException, TruthError)

@@ -61,7 +61,7 @@ _NAMED = {
     "SIGBREAK": "Ctrl-Break (SIGBREAK)",
 }
 REASONS = {signal.Signals[name]: text for name, text in _NAMED.items() if hasattr(signal, name)}
-"""Of the signals that this system has."""
+"""Reasons by signal, for the signals that this system has."""
 SAME_PRESS_S = 1.0
 """A second Ctrl-C within this time is ignored: a double keystroke, or terminal and shell both sent one."""
 

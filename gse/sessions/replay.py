@@ -125,8 +125,8 @@ def replay_session(
 
 
 _CAPTURED = Port(url="replay://")
-"""Of a raw capture, or of a session without its head: somebody recorded it, so the simulated port that a station file
-without one has is not its port."""
+"""Port of a raw capture, or of a session without its head: somebody recorded it, so the simulated port of a station
+file that names none is not its port."""
 
 
 @dataclass(frozen=True, slots=True)

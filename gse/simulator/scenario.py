@@ -101,7 +101,7 @@ class Host(_ScenarioSection):
     """The clock of the host that stamps the bytes; an emulator's host has its own."""
 
     clock_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
-    """How fast it is."""
+    """By how much the host's clock is fast, in seconds."""
     clock_drift_ppm: Annotated[float, Field(ge=-10_000, le=10_000)] = 0.0
     clock_steps: tuple[tuple[float, float], ...] = ()
     """Seconds after the start, and by how many seconds the clock is set forward."""

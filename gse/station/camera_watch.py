@@ -18,8 +18,8 @@ from gse.values.text import percent
 Said = tuple[StationKind, str]
 """Kind and text of an event."""
 _FIRST_AFTER_S = 5.0
-"""Of the data's time, from the first panorama without an answer; then after ten times that, and so on: a search that
-finds nothing takes a second."""
+"""Time in the data from the first panorama without an answer to the first search; then ten times as long, and so on: a
+search that finds nothing takes a second."""
 _LATER = 10
 _FEWEST_OBJECTS = 7
 

@@ -192,7 +192,7 @@ MOST_STATUSES = 50_000
 MOST_AT_ONCE = 1024
 """Panoramas that are processed before the first of them is shown, where so many wait."""
 MOST_AHEAD = 2
-"""Of such parts another thread may be ahead: one is identified while one is concluded and more come."""
+"""Most parts that another thread may be ahead: one is identified while one is concluded and more come."""
 
 
 class _Asked(NamedTuple):

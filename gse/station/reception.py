@@ -277,7 +277,7 @@ HostedStatus = tuple[int, StatusMessage]
 """The host's UTC at which a STATUS was complete, and its message."""
 
 News = OwnAnswer | HostedStatus | Ack | Nak | LinkEvent
-"""What came beside panoramas."""
+"""Everything that comes beside panoramas."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -441,7 +441,7 @@ class Reception:
 
 
 _Made = tuple[int, int, int, int, float]
-"""Of a panorama: its row in the block, UTC, host's UTC, sequence number, exposure in s."""
+"""A panorama: its row in the block, UTC, host's UTC, sequence number, exposure in s."""
 
 
 def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:

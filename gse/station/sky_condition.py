@@ -40,10 +40,11 @@ FADED_MAG = 0.75
 CLEARED_MAG = 0.5
 MISSING_SHARE, BACK_SHARE = 0.55, 0.7
 DOUBTFUL_SHARE = 0.8
-"""Of the stars expected: a cloud of 1 mag leaves two thirds to three quarters of them, and so may the sensor itself."""
+"""Share of the expected stars below which a sky is doubtful; a cloud of 1 mag leaves two thirds to three quarters of
+them."""
 """Of the share of stars that is seen in the clear: below the first a cloud covers the field, above the second none."""
 FEW_SHARE = 1 / 3
-"""Of the stars expected: fewer are no clear sky, whatever the session has shown so far."""
+"""Share of the expected stars below which no sky is clear, whatever the session has shown so far."""
 FEWEST_EXPECTED = 10
 """Fewer expected stars do not tell a share."""
 FEWEST_OBJECTS = 3
@@ -302,7 +303,7 @@ _KINDS = {
 
 _FALSE = ANSWER_CHECKS.index(AnswerCheck.FALSE)
 _BESIDE = 1.1
-"""Of the field's radius: distortion has no meaning far beyond it."""
+"""Reach of the search in radii of the field; distortion has no meaning far beyond."""
 
 
 class SkyWatch:

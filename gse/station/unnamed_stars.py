@@ -22,7 +22,8 @@ from gse.values.constants import ARCSEC_PER_RAD
 from gse.values.panorama import Parts
 
 WITHIN_PX = 4.0
-"""Of the place of a star: a false object is as near to one by chance once in a thousand times."""
+"""Largest distance of an object from the place of a star; a false object comes as near by chance once in a thousand
+times."""
 _BEFORE_AIR_PX = 8.0
 """The same before air and aberration are taken off."""
 

@@ -10,7 +10,7 @@ from protocols import Frame, FrameDecoder, Protocol, built_in_names, load_protoc
 _FEWEST_FRAMES = 2
 _FEWEST_HEADS = 3
 _FEWEST_BYTES = 3
-"""Of a head: fewer are found by chance."""
+"""Fewest bytes of a frame's head that are looked for; fewer are found by chance."""
 _ZERO_FROM = 12
 """A sensor so many times slower than the port gives nothing but zeros."""
 

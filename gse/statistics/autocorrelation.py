@@ -113,7 +113,7 @@ _TIMES = np.geomspace(0.05, 300.0, 20)
 _STRENGTHS = np.array([0.3, 1.0, 3.0, 10.0, 100.0, 1e6])
 """Spectrum of the correlated part at zero, in that of the white part."""
 _CYCLES = np.arange(1.0, 12.1, 0.2)
-"""Of a sinusoid in the session: fewer are taken for slow noise, more lie beyond most of the ordinates."""
+"""Cycles of a sinusoid in the session; fewer are taken for slow noise, more lie beyond most of the ordinates."""
 _PEAKS = np.array([3.0, 30.0, 300.0, 3000.0, 30_000.0])
 """Greatest ordinate of the sinusoid, in the spectrum of the white part. It is 1800 for an hour at 1 Hz with half of the
 mean square in a sinusoid; a list that ends too early makes a strong sinusoid small."""

@@ -28,7 +28,7 @@ Vector = tuple[float, float, float]
 
 
 LARGEST_STEP_ARCSEC = 60.0
-"""Of a finite difference: the sky is flat enough within it."""
+"""Largest step of a finite difference; the sky is flat enough within it."""
 
 
 class ChangedTruth:

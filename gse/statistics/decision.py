@@ -25,7 +25,7 @@ from gse.values.text import count_text, percent
 # Guarded acceptance: a limit is kept where the figure and its uncertainty keep it (JCGM 106, 8.3.2).
 
 COVERAGE_FACTOR = 1.645
-"""Of a one-sided 95 % bound of a normal quantity."""
+"""Coverage factor of a one-sided 95 % bound of a normal quantity."""
 
 _ONE_SIDED = 0.95
 _LENGTHS = 500

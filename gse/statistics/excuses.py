@@ -48,7 +48,7 @@ _BRIDGED_NS, _BRIDGED_FRAMES = 3 * NS_PER_S, 1.5
 
 _BESIDE_NS = 60 * NS_PER_S
 MISSING_SHARE = 0.5
-"""Of the share of the expected stars that the clear part of the session shows: a cloud hides the others."""
+"""Below this part of the share of expected stars that the clear session shows, a cloud hides the others."""
 
 _CLEAR_PERCENTILE = 90.0
 

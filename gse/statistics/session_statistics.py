@@ -24,7 +24,7 @@ from gse.statistics.subject_statistics import NO_EARTH_RATE, SubjectAnswers, Sub
 from gse.values.axis import ALL_AXES
 
 _MOST_STAR_ERRORS = 20_000
-"""Of a longer session every second, third, ... frame enters the spatial errors: each costs 300 bytes in the fit."""
+"""Most star errors in the fit, 300 bytes each; of a longer session every second, third, ... frame enters."""
 
 
 @dataclass(frozen=True, slots=True)

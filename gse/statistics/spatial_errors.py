@@ -16,7 +16,7 @@ from gse.values.matrices import pinv, product
 from gse.values.star_influence import attitude_operators, boresight_shifts
 
 DEGREE = 3
-"""Of the polynomial of the field: focal length, distortion and tilt of the detector are of degree 3 or less."""
+"""Degree of the polynomial over the field; focal length, distortion and tilt of the detector have degree 3 or less."""
 HARMONICS = 2
 MIN_STARS = 20
 """Fewer stars do not tell ten coefficients of the field from their own errors."""

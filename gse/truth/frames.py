@@ -61,7 +61,7 @@ def mount_of(rotation: NDArray[np.float64]) -> Mount:
 _CELL_NS = 300 * NS_PER_S
 """Precession and nutation move by 0.0005 arcsec in this time."""
 _CELLS_KEPT = 1024
-"""Of three days: a live session asks for the same one with each answer, and it takes 0.1 ms."""
+"""Cells of three days; a live session asks for the same one with each answer, and making it takes 0.1 ms."""
 
 _J2000_TT = 2_451_545.0, 0.0
 _J2000_TO_B1950 = np.array(

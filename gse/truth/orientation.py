@@ -32,7 +32,7 @@ _COLUMNS = ("mjd", "ut1_minus_utc_s", "x_pole_arcsec", "y_pole_arcsec", "ut1_err
 _MAX_ROWS = 4000
 _MAX_LEAP_SECONDS = 400
 _MAX_VALUE = 1e6
-"""Of days (MJD), seconds and arcseconds alike."""
+"""Largest value in a table, whether days (MJD), seconds or arcseconds."""
 _UT1_LIMIT_S = 0.9
 """UTC is kept within 0.9 s of UT1 by leap seconds (ITU-R TF.460)."""
 _UT1_WANDER_S_PER_DAY = 0.001

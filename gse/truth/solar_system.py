@@ -17,11 +17,11 @@ from gse.values.matrices import product
 from gse.values.site import Site
 
 PLANETS = ("Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus")
-"""Those that a star sensor sees."""
+"""The planets that a star sensor sees."""
 
 BODIES = (*PLANETS, "Moon")
 _NUMBERS = np.array([1, 2, 4, 5, 6, 7])
-"""Of PLANETS, as plan94 counts them."""
+"""The numbers by which plan94 knows PLANETS."""
 
 _WGS84 = 1
 

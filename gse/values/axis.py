@@ -35,8 +35,8 @@ CROSS_Y = Axis("cross_y", "y")
 AXES = (D_RA_COSDE, D_DE, D_ROLL)
 """The axes that have a limit and an uncertainty of truth."""
 ON_SKY = (D_RA_COSDE, D_DE)
-"""Where the boresight points."""
+"""The axes of the direction in which the boresight points."""
 OF_SENSOR = (CROSS_X, CROSS_Y, D_ROLL)
-"""Those of the sensor: roll is the same in both frames."""
+"""The axes of the sensor; roll is the same in both frames."""
 ALL_AXES = (*AXES, CROSS_X, CROSS_Y)
-"""In the order of the columns of an attitude error."""
+"""All axes, in the order of the columns of an attitude error."""

@@ -14,7 +14,7 @@ NS_PER_DAY = 86_400 * NS_PER_S
 UNIX_EPOCH_MJD = 40_587
 UNIX_EPOCH_JD = 2_440_587.5
 LAST_NS = 9_000_000_000 * NS_PER_S
-"""In the year 2255: nanoseconds of 64 bits end in 2262."""
+"""Last instant that is accepted, in the year 2255; nanoseconds of 64 bits end in 2262."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _RFC_3339 = re.compile(r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:\.(\d{1,9}))?Z")
 

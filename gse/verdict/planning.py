@@ -21,7 +21,7 @@ from gse.values.limits import Decision
 from gse.values.matrices import straight_line
 
 PROBABILITY = 0.9
-"""Of a PASS, where the sensor does what is expected."""
+"""Probability of a PASS that a plan is made for, if the sensor performs as expected."""
 SESSIONS, SETTLING_SESSIONS = 120, 400
 """To search for the length, and for each of those about it: of 120 sessions nine in ten are known to 2.7 % only."""
 MAX_SIMULATED = 400
@@ -37,7 +37,7 @@ _PER_INDEPENDENT = 8.0
 _MAX_STEPS = 10
 _CLOSE = 0.08
 _MOST_STRETCH = 2.0
-"""In one step: the rare session with very wide bounds does not become longer by scaling."""
+"""Largest stretch in one step; the rare session with very wide bounds does not become longer by scaling."""
 _LAST_STRETCH = 1e6
 _ABOUT = np.array([0.85, 1.0, 1.2])
 _HALVINGS = 40

@@ -77,7 +77,7 @@ def _between(site: Site, dark_ns: int, bright_ns: int) -> int:
 # Help to focus: how many objects the sensor sees, and how bright they are.
 
 BINS = 12
-"""Of equal steps in magnitude: a sharper image moves its stars to the right."""
+"""Bins of equal steps in magnitude; a sharper image moves its stars to the right."""
 
 
 def focus_of(panorama: Panorama, index_max: int) -> dict[str, Any]:

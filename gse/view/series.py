@@ -43,7 +43,7 @@ _COLOURS = {
     "stars": (SKY_BLUE, YELLOW),
 }
 _OTHER_COLOURS = (SKY_BLUE, ORANGE, YELLOW, PINK, GREEN)
-"""Of the lines of a graph that has none of its own."""
+"""Colours of the lines of a graph that has none of its own."""
 
 _DECIMALS = 3
 """Milliarcseconds, microseconds: rerun's tooltips print every digit there is."""

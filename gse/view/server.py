@@ -376,7 +376,7 @@ def _text_of(body: bytes) -> str:
 _LOG = logging.getLogger(__name__)
 
 USUAL_PORT = 8420
-"""Of the live page, so that it can be bookmarked; another one where it is taken."""
+"""Port of the live page, so that it can be bookmarked; another one is taken where it is in use."""
 
 EVERY_S = 0.2
 """Between two documents."""
