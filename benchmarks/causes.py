@@ -213,7 +213,7 @@ def _with_clock(model: SessionModel, fast_s: np.ndarray) -> SessionModel:
     """The same errors under a clock that is so fast (M,)."""
     more = model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * fast_s)
     series = replace(model.series, errors_arcsec=model.series.errors_arcsec + more)
-    return SessionModel.of(series, model.field, model.site, model.mount, is_fitted=model.is_fitted)
+    return SessionModel.from_series(series, model.field, model.site, model.mount, is_fitted=model.is_fitted)
 
 
 def _significance(model: SessionModel, cause: str) -> float:

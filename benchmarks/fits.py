@@ -97,8 +97,8 @@ def chi_square_rows(name, labels, found):
 
 def compared(session):
     """Both axes of a session, for compare."""
-    table = ComparedSession.of(session).table
-    return {axis.label: ComparedAxis.of(table, axis) for axis in ON_SKY}
+    table = ComparedSession.from_session(session).table
+    return {axis.label: ComparedAxis.from_subject(table, axis) for axis in ON_SKY}
 
 
 def compare_rows(skies):

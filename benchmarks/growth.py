@@ -105,7 +105,9 @@ def each_us(identifier: Many, panoramas: list[Objects], at_once: int) -> float:
 
 
 def _pass_us(identify: Callable[[ObjectColumns], object], panoramas: list[Objects], at_once: int) -> float:
-    parts = [ObjectColumns.of(panoramas[first : first + at_once]) for first in range(0, len(panoramas), at_once)]
+    parts = [
+        ObjectColumns.from_panoramas(panoramas[first : first + at_once]) for first in range(0, len(panoramas), at_once)
+    ]
     began = time.thread_time()
     for part in parts:
         identify(part)

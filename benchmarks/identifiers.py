@@ -249,8 +249,10 @@ def many(catalog: StarCatalog, seed: int) -> None:
     """Panoramas per second in one call, camera B nominal."""
     identifier = robust_for(OPTICS["B"], catalog)
     frames = frames_of(OPTICS["B"], CONDITIONS["nominal"], catalog, 1000, seed)
-    panoramas = ObjectColumns.of([(frame.directions_sensor, frame.brightness) for frame in frames])
-    identifier.identify_many(ObjectColumns.of([(frame.directions_sensor, frame.brightness) for frame in frames[:20]]))
+    panoramas = ObjectColumns.from_panoramas([(frame.directions_sensor, frame.brightness) for frame in frames])
+    identifier.identify_many(
+        ObjectColumns.from_panoramas([(frame.directions_sensor, frame.brightness) for frame in frames[:20]])
+    )
     started = time.thread_time()
     identifier.identify_many(panoramas)
     print(f"many panoramas in one call, B nominal: {len(panoramas) / (time.thread_time() - started):.0f} per second")

@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("directions", type=int, nargs="?", default=500)
     count = parser.parse_args().directions
     optics = replace(PRESETS[PIVOT_PAPER].optics, magnitude_limit=GAIA_LIMIT)
-    mission = PaperSky.of(Plan(optics, (), count, 1, "gaia", angle_noise=True)).mission
+    mission = PaperSky.from_plan(Plan(optics, (), count, 1, "gaia", angle_noise=True)).mission
     source = of_angles(load_catalog("gaia"), GAIA_LIMIT)
     print("| arcsec | search | first star right | false | stars named by step 2 (right) | CPU / us | pairs met |")
     print("|---|---|---|---|---|---|---|")

@@ -74,7 +74,7 @@ def made(count: int):  # type: ignore[no-untyped-def]
     parts = [matches[matches["frame"] % stride == 0].copy() for _ in range(count // _NIGHT)]
     for number, part in enumerate(parts):
         part["frame"] += _NIGHT * number
-    session.frames = FrameTable.of(frames, np.concatenate(parts))
+    session.frames = FrameTable.from_rows(frames, np.concatenate(parts))
     return session
 
 

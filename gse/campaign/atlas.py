@@ -230,7 +230,7 @@ def session_atlas(of: AtlasResiduals) -> tuple[SessionAtlas, NDArray[np.float64]
     x, y = (2 * px / size - 1 for px, size in zip(of.xy_px.T, of.size_px, strict=True))
     field = np.column_stack([x**i * y**j for i, j in _TERMS])
     fits = [
-        _AtlasFit.of(field, phase, residual, star)
+        _AtlasFit.fitted(field, phase, residual, star)
         for phase, residual in zip(of.phase_px.T, of.residuals_arcsec.T, strict=True)
     ]
     per_frame = len(star) / len(np.unique(of.frame))
@@ -282,7 +282,7 @@ class _AtlasFit:
     left: NDArray[np.float64]
 
     @classmethod
-    def of(
+    def fitted(
         cls,
         field: NDArray[np.float64],
         phase_px: NDArray[np.float64],

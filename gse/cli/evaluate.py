@@ -217,7 +217,7 @@ def _paper_sky(plan: "Plan") -> "PaperSky | None":
     """The sky of the pivot paper, where the plan is of angles between stars."""
     from gse.evaluation.paper_sky import PaperSky
 
-    return PaperSky.of(plan) if plan.angle_noise else None
+    return PaperSky.from_plan(plan) if plan.angle_noise else None
 
 
 def _refuse_existing(folder: Path, plan: "Plan") -> None:

@@ -154,9 +154,9 @@ def without_star_changes(
     """
     xy_px = xy_px_of(matches)
     directions = camera.directions(xy_px)
-    fits = FrameFits.of(directions, matches["frame"])
+    fits = FrameFits.from_directions(directions, matches["frame"])
     at_s = np.interp(matches["frame"], series.rows, series.time_s)
-    cells = _Cells.of(matches["star"], time_blocks(np.asarray(at_s * NS_PER_S, dtype=np.int64)))
+    cells = _Cells.from_stars(matches["star"], time_blocks(np.asarray(at_s * NS_PER_S, dtype=np.int64)))
     turns = np.zeros((len(fits.numbers), 3))
     for _ in range(_ROUNDS):
         turns = fits.turns(cells.lasting(residuals_arcsec + np.cross(turns[fits.place], directions)[:, :2]))
@@ -173,8 +173,8 @@ class _Cells:
     star: NDArray[np.int64]
 
     @classmethod
-    def of(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "_Cells":
-        cells = StarCells.of(stars, blocks)
+    def from_stars(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "_Cells":
+        cells = StarCells.from_stars(stars, blocks)
         return cls(cells.of_row, np.unique(cells.star, return_inverse=True)[1])
 
     def lasting(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -292,9 +292,11 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
         series = without_star_changes(series, matches, residuals_arcsec, camera)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
-    model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
+    model = SessionModel.from_series(
+        series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None
+    )
     frame_hz = 1 / max(float(np.median(np.diff(series.time_s))), 1e-9)
-    late = LateFrames.of(frames, session.events)
+    late = LateFrames.from_frames(frames, session.events)
     return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz, late))
 
 

@@ -106,7 +106,7 @@ def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera
         return series
     matches, residuals = matches.compress(sound), residuals.compress(sound, axis=0)
     xy_px = xy_px_of(matches)
-    fits = FrameFits.of(camera.directions(xy_px), matches["frame"])
+    fits = FrameFits.from_directions(camera.directions(xy_px), matches["frame"])
     shifts = boresight_shifts(fits.turns(residuals))
     more = np.column_stack([np.interp(series.rows, fits.numbers, shift) for shift in shifts.T])
     return replace(series, errors_arcsec=series.errors_arcsec + more)

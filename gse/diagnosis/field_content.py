@@ -99,7 +99,7 @@ def _towards_east_and_north(rotations: NDArray[np.float64], roll_rad: NDArray[np
 
 def _means(errors: NDArray[np.float64], stars: NDArray[np.int64], blocks: NDArray[np.int64]) -> NDArray[np.float64]:
     """The mean error (N, 2) of each row's star in its time block."""
-    cells = StarCells.of(stars, blocks)
+    cells = StarCells.from_stars(stars, blocks)
     return cells.means(errors)[cells.of_row]
 
 

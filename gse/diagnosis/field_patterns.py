@@ -133,7 +133,7 @@ def _fitted(
     zenith_sensor: NDArray[np.float64],
 ) -> FieldOfErrors:
     xy_px = xy_px_of(matches)
-    fits = FrameFits.of(camera.directions(xy_px), matches["frame"])
+    fits = FrameFits.from_directions(camera.directions(xy_px), matches["frame"])
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
     left, turns = _unabsorbed(patterns, fits)
     design = left.reshape(-1, len(PARAMETERS))
@@ -194,7 +194,7 @@ def unexplained_residuals(
     """Residuals (N, 2) of matches (rows of MATCH) in arcsec, without the patterns as they fit the field."""
     xy_px = xy_px_of(matches)
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
-    left, _ = _unabsorbed(patterns, FrameFits.of(camera.directions(xy_px), matches["frame"]))
+    left, _ = _unabsorbed(patterns, FrameFits.from_directions(camera.directions(xy_px), matches["frame"]))
     residuals = residuals_of(matches)
     return np.asarray(residuals - product(left, _solved(field.normal, field.right)))
 

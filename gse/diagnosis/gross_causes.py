@@ -161,7 +161,7 @@ class RawAttitudes:
         return RawAttitudes(self.utc_ns[rows], self.icrs_to_sensor[rows], self.field_sensor)
 
     @classmethod
-    def of(cls, frames: Columns, answered: NDArray[np.int64], camera: Camera) -> "RawAttitudes":
+    def from_frames(cls, frames: Columns, answered: NDArray[np.int64], camera: Camera) -> "RawAttitudes":
         """From frames (rows of FRAME) of which these rows are answered, evenly spaced over them."""
         rows = answered[np.unique(np.linspace(0, len(answered) - 1, min(len(answered), _FRAMES)).astype(np.int64))]
         angles = np.column_stack([frames[name][rows] for name in ("ra_deg", "de_deg", "roll_deg")]).tolist()
@@ -452,4 +452,4 @@ def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes
     rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll & has_truth)
     if not mount.stated or mount.inertial is not None or not len(rows):
         return None
-    return RawAttitudes.of(frames, rows, session.station.sensor.camera())
+    return RawAttitudes.from_frames(frames, rows, session.station.sensor.camera())

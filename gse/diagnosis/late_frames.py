@@ -33,7 +33,7 @@ class LateFrames:
     late_s: NDArray[np.float64]
 
     @classmethod
-    def of(cls, frames: Columns, events: Sequence[LinkEvent]) -> "LateFrames | None":
+    def from_frames(cls, frames: Columns, events: Sequence[LinkEvent]) -> "LateFrames | None":
         """Of frames (rows of FRAME); None without host stamps, and where the host's clock stepped by itself."""
         host_ns = frames["host_utc_ns"]
         if not len(host_ns) or not (host_ns > 0).all() or clock_steps(events):

@@ -121,12 +121,12 @@ def _offset(session: SessionData, own: SensorAnswers, explained: Explained) -> I
     least = _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
     columns = [axis.column for axis in ON_SKY]
     apart = np.column_stack([getattr(own, name)[both] - frames[name][both] for name in columns])
-    off = _Off.of(frames, both, apart)
+    off = _Off.typical(frames, both, apart)
     by_stars_arcsec = max(least, explained.shift_arcsec)
     if not off.is_beyond(by_stars_arcsec):
         same = least if _are_whole(session) else _SAME_PLACES_ARCSEC
         ideas = by_each_idea(session, own, both) if math.isfinite(explained.same_stars_arcsec) else None
-        by_idea = [_Off.of(frames, ideas[0], one) for one in ideas[1]] if ideas else []
+        by_idea = [_Off.typical(frames, ideas[0], one) for one in ideas[1]] if ideas else []
         if not by_idea or not all(one.is_beyond(same) for one in by_idea):
             return
         off, by_stars_arcsec = by_idea[0], explained.same_stars_arcsec
@@ -180,7 +180,7 @@ class _Off:
     de_error: float
 
     @classmethod
-    def of(cls, frames: Columns, rows: NDArray[np.int64], arcsec: NDArray[np.float64]) -> "_Off":
+    def typical(cls, frames: Columns, rows: NDArray[np.int64], arcsec: NDArray[np.float64]) -> "_Off":
         """The typical one of offsets (K, 2) in rows (K,) of the frames."""
         return cls(*_typical(frames, rows, arcsec[:, 0]), *_typical(frames, rows, arcsec[:, 1]))
 

@@ -38,7 +38,7 @@ class SessionModel:
     decorrelate: NDArray[np.float64]
 
     @classmethod
-    def of(
+    def from_series(
         cls, series: ErrorSeries, field: FieldOfErrors | None, site: Site, mount: Mount, *, is_fitted: bool
     ) -> "SessionModel":
         """With the coordinates in which the upper half of the ordinates is independent and of variance one."""

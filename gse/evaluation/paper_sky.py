@@ -41,7 +41,7 @@ class PaperSky:
     field_rad: float
 
     @classmethod
-    def of(cls, plan: Plan) -> "PaperSky":
+    def from_plan(cls, plan: Plan) -> "PaperSky":
         """The catalogues as the identifiers of the plan have them."""
         source = load_catalog(plan.catalog)
         field_rad = 2 * plan.optics.radius_rad()

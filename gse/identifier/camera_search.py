@@ -69,7 +69,7 @@ def _answers(
     panoramas: Sequence[Panorama], camera: Camera, identifier: NeighbourIdentifier, most_by_chance: float
 ) -> list[_Answer]:
     directions = [camera.directions(panorama.xy_px) for panorama in panoramas]
-    objects = ObjectColumns.of(
+    objects = ObjectColumns.from_panoramas(
         [(seen, panorama.brightness) for seen, panorama in zip(directions, panoramas, strict=True)]
     )
     return [

@@ -153,7 +153,7 @@ class NeighbourIdentifier:
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        return self.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))[0]
+        return self.identify_many(ObjectColumns.from_panoramas([(directions_sensor, brightness)]))[0]
 
     def identify_many(self, objects: ObjectColumns) -> Answers:
         """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""

@@ -178,7 +178,7 @@ class PivotIdentifier:
 
         With ``a_priori: cells`` each is looked for where the one before was; after one without an answer, everywhere.
         """
-        return Answers.of([self._next(*seen) for seen in objects])
+        return Answers.from_answers([self._next(*seen) for seen in objects])
 
     def _next(self, directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Identification | Unidentified:
         answer = self.identify(directions, brightness, before=self._before)

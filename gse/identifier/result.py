@@ -61,7 +61,7 @@ class ObjectColumns:
     parts: Parts
 
     @classmethod
-    def of(cls, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> Self:
+    def from_panoramas(cls, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> Self:
         """The columns of panoramas given one by one; ValueError where shapes do not belong together."""
         for panorama in panoramas:
             check_shapes(*panorama)
@@ -101,7 +101,7 @@ class Answers:
     unidentified: Mapping[int, Unidentified]
 
     @classmethod
-    def of(cls, answers: Sequence[Identification | Unidentified]) -> Self:
+    def from_answers(cls, answers: Sequence[Identification | Unidentified]) -> Self:
         """The columns of answers given one by one."""
         found = [answer for answer in answers if isinstance(answer, Identification)]
         nothing = np.zeros(0, dtype=np.int64)

@@ -81,7 +81,7 @@ class PlotData:
     subject: Subject = Subject.ONBOARD
 
     @classmethod
-    def of(cls, session: SessionData, counted: CountedFrames) -> Self:
+    def from_session(cls, session: SessionData, counted: CountedFrames) -> Self:
         """The frames of a session; ``counted`` decides which of them the accuracy is taken over."""
         table = session.frames.columns
         return cls._in_order(session, table, (counted.used, ~counted.answered), counted.exclusions, session.subject)

@@ -49,7 +49,7 @@ def session_plots(session: SessionData, stats: Statistics, *, times_recorded: bo
 
 def _plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:
     """What each subject's plots are drawn from, that of the frame table first."""
-    found = [PlotData.of(session, stats.counted)]
+    found = [PlotData.from_session(session, stats.counted)]
     if stats.own is not None:
         _, used = sensor_masks(stats.own, session.frames.columns, stats.counted)
         used &= not is_wrong(stats.convention, session.station.sensor.attitude)

@@ -77,7 +77,7 @@ class KeptContext(BaseModel):
     external_counts: ExternalCounts
 
     @classmethod
-    def of(cls, session: SessionData) -> "KeptContext":
+    def from_session(cls, session: SessionData) -> "KeptContext":
         """The context of a session."""
         orientation, stars = session.earth_orientation, session.stars
         own = {"designation", "earth_orientation"}
@@ -169,7 +169,7 @@ def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: P
     write_parquet([_table(session.sensor_attitudes.columns)], part / "answers.parquet")
     write_parquet([_table(session.frames.others)], part / "others.parquet")
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
-    stride, context = session.frames.picture_stride, KeptContext.of(session)
+    stride, context = session.frames.picture_stride, KeptContext.from_session(session)
     manifest = _Manifest.model_construct(key=key.text, files=files, picture_stride=stride, context=context)
     text = manifest.model_dump_json()
     (part / CONTEXT).write_text(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}", encoding="utf-8")
@@ -189,7 +189,7 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
         stride = manifest.picture_stride
         session.frames = restored_frames(frames, stars, context.subject, _rows(others, OTHER), stride)
         session.stars = restored_stars(stars, context.designation)
-        session.sensor_attitudes = AttitudeTable.of(_rows(answers, OWN_ANSWER))
+        session.sensor_attitudes = AttitudeTable.from_rows(_rows(answers, OWN_ANSWER))
     return session
 
 

@@ -41,7 +41,7 @@ class ImageSource:
         self._scenario, self._random, self._sub_pixel = scenario, random, sub_pixel
         self._scene = SimulatedScene(station, scenario, random)
         self._camera = self._scene.camera
-        self._photometry = Photometry.of(station.sensor, scenario)
+        self._photometry = Photometry.from_scenario(station.sensor, scenario)
         self._response, self._dark = _detector(station, scenario, random)
 
     def expose(self, middle_utc_ns: int, exposure_s: float, temperature_c: float) -> Exposure:

@@ -39,7 +39,7 @@ def outlook(station: Station, scenario: Scenario, hint: str) -> str:
 
 def _stars(scene: SimulatedScene, station: Station, scenario: Scenario, utc_ns: int) -> int:
     """How many stars stand on the detector that it can see; none where the sky overexposes it."""
-    photometry = Photometry.of(station.sensor, scenario)
+    photometry = Photometry.from_scenario(station.sensor, scenario)
     sky_magnitude = scene.boresight_sky_magnitude(utc_ns)
     if photometry.is_overexposed(photometry.background_index(sky_magnitude, scenario.exposure_s)):
         return 0

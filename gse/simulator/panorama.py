@@ -42,7 +42,7 @@ class PanoramaSource:
         self._scenario, self._random = scenario, random
         self._scene = SimulatedScene(station, scenario, random, _FOOTPRINT_PX)
         self._camera = self._scene.camera
-        self._photometry = Photometry.of(station.sensor, scenario)
+        self._photometry = Photometry.from_scenario(station.sensor, scenario)
         self._noise_px = scenario.optics.position_noise_arcsec / ARCSEC_PER_RAD / self._camera.pixel_rad
         self._last_px = np.array([self._camera.columns - 1, self._camera.rows - 1], dtype=np.float64)
         self._hot_xy_px, self._hot_index = _hot_pixels(station, scenario, random)

@@ -30,7 +30,7 @@ class Photometry:
     pixel_arcsec2: float
 
     @classmethod
-    def of(cls, sensor: Sensor, scenario: Scenario) -> Self:
+    def from_scenario(cls, sensor: Sensor, scenario: Scenario) -> Self:
         """What follows from the magnitude that saturates."""
         optics = scenario.optics
         in_brightest_pixel = math.erf(0.5 / optics.psf_sigma_px / math.sqrt(2)) ** 2

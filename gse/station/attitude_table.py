@@ -46,7 +46,7 @@ class AttitudeTable:
         self._used = 0
 
     @classmethod
-    def of(cls, rows: NDArray[np.void]) -> Self:
+    def from_rows(cls, rows: NDArray[np.void]) -> Self:
         """A table with these rows of OWN_ANSWER."""
         table = cls()
         if len(rows):

@@ -59,7 +59,7 @@ def external_answers_of(
     for k, (_, attitude) in found.items():
         if attitude is not None:
             attitudes[k] = attitude
-    return Answers.of([found[k][0] if k in found else faults[k] for k in every]), attitudes, elapsed_us, given
+    return Answers.from_answers([found[k][0] if k in found else faults[k] for k in every]), attitudes, elapsed_us, given
 
 
 def compared_external(
@@ -354,7 +354,7 @@ class FrameProcessor:
             objects = ObjectColumns(identified.directions_sensor, panoramas.brightness, panoramas.parts)
             rotations = identified.attitudes.icrs_to_sensor[named], seen_from.icrs_to_sensor[named]
             frames = SolvedFrames(*rotations, self.truth, utc_ns, icrs_to_horizon)
-            left_out = self.left_out.of(objects, answers, frames)
+            left_out = self.left_out.beside(objects, answers, frames)
         has_roll = np.ones(len(panoramas), dtype=np.bool_)
         return Compared(identified.attitudes, geometric, true, errors_arcsec, residuals_arcsec, left_out, has_roll)
 

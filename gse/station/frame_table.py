@@ -98,7 +98,7 @@ class _Thinned:
         self.stride = 1
 
     @classmethod
-    def of(cls, rows: NDArray[np.void], stride: int) -> Self:
+    def from_rows(cls, rows: NDArray[np.void], stride: int) -> Self:
         made = cls.__new__(cls)
         made._rows, made.stride = _Rows(rows, len(rows)), stride
         return made
@@ -129,7 +129,7 @@ class FrameTable:
         self._matches, self._others = _Thinned(MATCH), _Thinned(OTHER)
 
     @classmethod
-    def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
+    def from_rows(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
         """The table whose rows of FRAME and MATCH these are; matches are not copied."""
         table = cls.with_rows(len(frames), matches)
         for name in FRAME.names or ():
@@ -153,7 +153,7 @@ class FrameTable:
         table = cls()
         table._frames = ColumnStore(FRAME, 0).with_room(count, on_disk=count > most_in_memory)
         table._frames.used = count
-        table._matches, table._others = _Thinned.of(matches, stride), _Thinned.of(others, stride)
+        table._matches, table._others = _Thinned.from_rows(matches, stride), _Thinned.from_rows(others, stride)
         return table
 
     def __len__(self) -> int:

@@ -97,7 +97,7 @@ class ResultEvents:
     sky: SkyWatch
     camera: CameraWatch
 
-    def of(self, results: FrameResults, session: SessionData, first: int) -> list[tuple[int, LinkEvent]]:
+    def brought_by(self, results: FrameResults, session: SessionData, first: int) -> list[tuple[int, LinkEvent]]:
         """The events of results whose first is row ``first`` of the session, each with the result that it precedes."""
         events: list[tuple[int, LinkEvent]] = []
         if session.station.mount.inertial is None:  # before a star simulator there is no sky
@@ -427,7 +427,7 @@ class StationLoop:
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""
-        (asked,) = self._asked(Panoramas.of([panorama]))
+        (asked,) = self._asked(Panoramas.from_panoramas([panorama]))
         (results,) = self._conclude(asked)
         return results[0]
 
@@ -445,7 +445,7 @@ class StationLoop:
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             for result in results:
                 self._first_seconds.add(result, self._frame_processor.truth)
-        for k, event in self._result_events.of(results, self.session, first):
+        for k, event in self._result_events.brought_by(results, self.session, first):
             self._show(results, shown, k)
             self.on_event(event)
             shown = k

@@ -383,7 +383,7 @@ class OwnAnswerProcessor:
                 true[0] = truth.attitude_true(panorama.utc_ns, mount)
                 errors_arcsec = attitude_errors(geometric.icrs_to_sensor, true.icrs_to_sensor)
         return FrameResults(
-            Panoramas.of([panorama]),
+            Panoramas.from_panoramas([panorama]),
             Subject.SENSOR.value,
             str,
             np.array([STATUSES.index(status)], dtype=np.uint8),

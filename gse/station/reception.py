@@ -338,7 +338,7 @@ class Reception:
                 row += 1
             else:
                 news += [(len(made), found) for found in self._other(item, self._protocol.decode(item.frame))]
-        return Received(news, _columns(columns, made) if columns and made else Panoramas.of([]))
+        return Received(news, _columns(columns, made) if columns and made else Panoramas.from_panoramas([]))
 
     def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> list[LinkEvent]:
         """The events before a panorama, row ``row`` of its block; one that is not a copy is appended to ``made``."""

@@ -209,7 +209,7 @@ def _warm_up(identifier: Identifier | ExternalIdentifier, camera: Camera) -> Non
         return
     xy_px, brightness = example_places(identifier.catalog, camera)
     directions_sensor = camera.directions(np.round(xy_px))
-    (answer,) = identifier.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))
+    (answer,) = identifier.identify_many(ObjectColumns.from_panoramas([(directions_sensor, brightness)]))
     if isinstance(answer, Identification):  # with any stars: only the types matter
         solve_attitude(directions_sensor[answer.objects], identifier.catalog.icrs[answer.stars], 1e-4)
 

@@ -47,7 +47,7 @@ class LeftOutStars:
         self._by_z = np.argsort(catalog.icrs[:, 2], kind="stable")
         self._places = np.ascontiguousarray(catalog.icrs[self._by_z])
 
-    def of(self, objects: ObjectColumns, answers: Answers, frames: SolvedFrames) -> Matches:
+    def beside(self, objects: ObjectColumns, answers: Answers, frames: SolvedFrames) -> Matches:
         """The stars of each panorama that its answer does not name, with their residuals; none without an answer."""
         named, first = answers.named, objects.parts.first[:-1]
         left = np.repeat(named, objects.parts.counts)

@@ -48,7 +48,7 @@ class FieldOfStars:
     at_rest: float = 1.0
 
     @classmethod
-    def of(cls, session: SessionData) -> Self:
+    def from_session(cls, session: SessionData) -> Self:
         """Camera, catalogue and the median number of matched stars of a session."""
         camera = session.station.sensor.camera()
         matched = session.frames.columns["matched"]

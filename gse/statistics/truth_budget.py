@@ -122,7 +122,7 @@ def session_facts(
         earth_orientation=session.earth_orientation if middle_ns is not None else None,
         utc_ns=middle_ns or 0,
         clock_error_s=clock_error_s,
-        stars=FieldOfStars.of(session),
+        stars=FieldOfStars.from_session(session),
         baudrate=station.port.baudrate,
         duration_s=float(np.ptp(utc_ns)) / 1e9 if len(frames) else 0.0,
         alignment=session.alignment,

@@ -111,7 +111,7 @@ class Panoramas:
     problems: Sequence[tuple[str, ...]]
 
     @classmethod
-    def of(cls, panoramas: Sequence[Panorama]) -> Self:
+    def from_panoramas(cls, panoramas: Sequence[Panorama]) -> Self:
         """The columns of panoramas given one by one."""
 
         wire_rows = [

@@ -31,7 +31,7 @@ class StarCells:
     of_row: NDArray[np.int64]
 
     @classmethod
-    def of(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "StarCells":
+    def from_stars(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "StarCells":
         """Of stars (N,) and stretches (N,), as one number each: pairs take ten times as long to sort."""
         first = int(blocks.min(initial=0))
         width = int(blocks.max(initial=0)) - first + 1
@@ -58,7 +58,7 @@ class FrameFits:
     inverse: NDArray[np.float64]
 
     @classmethod
-    def of(cls, directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> "FrameFits":
+    def from_directions(cls, directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> "FrameFits":
         """Of stars whose frames (N,) these are."""
         numbers, place = np.unique(frames, return_inverse=True)
         few = np.bincount(place) < _MIN_STARS
@@ -90,7 +90,7 @@ class FrameFits:
 
 def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
     """``FrameFits.operators`` (N, 3, 2) of stars in directions (N, 3), whose frames (N,) these are."""
-    return FrameFits.of(directions_sensor, frames).operators()
+    return FrameFits.from_directions(directions_sensor, frames).operators()
 
 
 def unfitted(residuals: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -137,7 +137,7 @@ def star_covariance(
     difference of their ``blocks`` (N,). Without ``within_blocks`` the part that is left after means over blocks alone:
     what the scatter of blocks does not show.
     """
-    cells = StarCells.of(stars, blocks)
+    cells = StarCells.from_stars(stars, blocks)
     flat = operators.reshape(len(operators), -1)
     sums = _sums(flat, cells.of_row).reshape(-1, *operators.shape[1:])
     groups = np.split(np.arange(len(cells.star)), np.flatnonzero(np.diff(cells.star)) + 1)

@@ -54,7 +54,7 @@ class ComparedSession:
     sensor: ComparedSubject | None
 
     @classmethod
-    def of(cls, session: SessionData) -> "ComparedSession":
+    def from_session(cls, session: SessionData) -> "ComparedSession":
         stats, fields = statistics(session), field_content(session)
         return cls(stats, _of_table(session, stats, fields), _of_sensor(session, stats, fields))
 
@@ -147,7 +147,7 @@ class ComparedAxis(NamedTuple):
     noise_time_share: float
 
     @classmethod
-    def of(cls, subject: ComparedSubject, axis: Axis) -> "ComparedAxis":
+    def from_subject(cls, subject: ComparedSubject, axis: Axis) -> "ComparedAxis":
         errors = subject.errors[axis.column][subject.good]
         square = quick_errors(subject.utc_ns[subject.good], errors) ** 2
         noise_share = error_of_mean(square) / 2 / max(float(square.mean()), 1e-300) if len(square) else _NAN

@@ -48,7 +48,7 @@ def along(axis: Axis) -> CompareRows:
     """Mean absolute error, noise and bias along an axis."""
 
     def rows(both: Compared) -> Iterator[ComparedRow]:
-        one, two = (ComparedAxis.of(subject, axis) for subject in both.subjects)
+        one, two = (ComparedAxis.from_subject(subject, axis) for subject in both.subjects)
         # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
         growth = 1.0 if both.pairs is not None else one.growth(two)
         if not both.stars_are_known:  # a poorer field only excuses the noise of the second

@@ -63,8 +63,8 @@ def session_comparison(
     first station's limit for it. With ``bias_is_regression`` a bias that changed either way is one.
     """
     with ThreadPoolExecutor(1) as beside:  # most of it is numpy's work, which lets the other one go on
-        of_second = beside.submit(ComparedSession.of, second)
-        one = ComparedSession.of(first)
+        of_second = beside.submit(ComparedSession.from_session, second)
+        one = ComparedSession.from_session(first)
     two = of_second.result()
     pairs = _pairs(first.frames.columns, second.frames.columns)
 

@@ -73,7 +73,7 @@ class Remembering:
 
     def identify_many(self, objects: ObjectColumns) -> Answers:
         """As the identifier does."""
-        return Answers.of([self.identify(*panorama) for panorama in objects])
+        return Answers.from_answers([self.identify(*panorama) for panorama in objects])
 
 
 class Sky:

@@ -75,12 +75,12 @@ def results_of(made: Sequence[Made]) -> FrameResults:
     answers = [Identification(one.matches.objects, one.matches.stars, _probability(one)) for one in made]
     errors = [astuple(one.attitude_error) if one.attitude_error else (np.nan,) * 5 for one in made]
     return FrameResults(
-        Panoramas.of([one.panorama for one in made]),
+        Panoramas.from_panoramas([one.panorama for one in made]),
         made[0].identifier,
         star_name,
         np.array([STATUSES.index(one.status) for one in made], dtype=np.uint8),
         {k: one.detail for k, one in enumerate(made) if one.detail},
-        Answers.of(answers),
+        Answers.from_answers(answers),
         matches.residuals_arcsec,
         np.array([np.nan if one.elapsed_us is None else one.elapsed_us for one in made]),
         attitudes_of([one.attitude for one in made]),

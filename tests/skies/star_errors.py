@@ -138,7 +138,7 @@ def model_of(frames, matches, site, mount):
     series = error_series(frames, used)
     zenith = horizon_to_sensor(mount)[:, 2]
     field = field_of_errors(matches, frames["utc_ns"], used, CAMERA, site, zenith)
-    return SessionModel.of(series, field, site, mount, is_fitted=False)
+    return SessionModel.from_series(series, field, site, mount, is_fitted=False)
 
 
 def findings_of(truth, site, mount, duration_s, rng, **noise):

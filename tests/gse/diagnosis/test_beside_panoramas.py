@@ -154,7 +154,7 @@ def test_the_typical_value_is_the_median_of_twenty_blocks_of_time_and_its_error_
     frames = {"utc_ns": np.arange(60) * 10**9}
     found = _typical(frames, rows, values[rows])
     assert found == pytest.approx((9.5, math.sqrt(35) / math.sqrt(20)))
-    off = _Off.of(frames, rows, np.column_stack([values, -2 * values])[rows])
+    off = _Off.typical(frames, rows, np.column_stack([values, -2 * values])[rows])
     assert (off.ra, off.ra_error, off.de, off.de_error) == pytest.approx((*found, -19.0, 2 * found[1]))
 
 

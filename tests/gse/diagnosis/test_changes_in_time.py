@@ -24,7 +24,7 @@ SITE, MOUNT = SETTINGS[0]
 
 def model_of(errors, frame_s=1.0):
     series = ErrorSeries(np.arange(len(errors)), frame_s * np.arange(len(errors)), np.asarray(errors))
-    return SessionModel.of(series, None, SITE, MOUNT, is_fitted=False)
+    return SessionModel.from_series(series, None, SITE, MOUNT, is_fitted=False)
 
 
 def tried(search, model):

@@ -193,7 +193,7 @@ def test_a_pattern_that_is_a_turn_of_each_frame_is_taken_up_by_the_attitudes():
     moved = np.cross(turns[frames], directions)[:, :2]
     rest = np.random.default_rng(4).normal(size=moved.shape)
     patterns = np.stack([moved, moved + rest, rest], axis=2)
-    left, found = _unabsorbed(patterns, FrameFits.of(directions, frames))
+    left, found = _unabsorbed(patterns, FrameFits.from_directions(directions, frames))
     assert found[:, :, 0] == pytest.approx(turns, abs=1e-9)
     assert left[:, :, 0] == pytest.approx(0.0, abs=1e-9)
     assert left[:, :, 1] == pytest.approx(left[:, :, 2], abs=1e-9)
@@ -350,7 +350,7 @@ def test_what_a_longer_lens_leaves_of_the_stars_is_solved_for_and_taken_away(sky
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(float)
     directions, zenith = CAMERA.directions(xy_px), horizon_to_sensor(MOUNT)[:, 2]
     patterns = np.stack(list(_patterns(CAMERA, SITE, zenith, xy_px)), axis=2)
-    left, _ = _unabsorbed(patterns, FrameFits.of(directions, matches["frame"]))
+    left, _ = _unabsorbed(patterns, FrameFits.from_directions(directions, matches["frame"]))
     noise = np.random.default_rng(6).normal(0, 0.01, (len(matches), 2))
     residuals = 1e-3 * left[:, :, 0] + noise
     matches["residual_x_arcsec"], matches["residual_y_arcsec"] = residuals.T

@@ -24,7 +24,7 @@ def frames(late_s):
 
 
 def step_of(late_s, near_s=AT_S):
-    at_ns, step_s = LateFrames.of(frames(late_s), ()).step(START_NS + near_s * NS_PER_S)
+    at_ns, step_s = LateFrames.from_frames(frames(late_s), ()).step(START_NS + near_s * NS_PER_S)
     return (at_ns - START_NS) / NS_PER_S, step_s
 
 
@@ -70,9 +70,9 @@ def test_a_host_without_stamps_or_with_a_step_of_its_clock_tells_none(event):
         "step": [ClockStep(START_NS, 0, StationKind.CLOCK_STEP, "stepped", NS_PER_S)],
         "other": [LinkEvent(START_NS, 0, StationKind.NOTE, "a note")],
     }[event]
-    assert (LateFrames.of(made, events) is None) == (event == "step")
+    assert (LateFrames.from_frames(made, events) is None) == (event == "step")
     made["host_utc_ns"] = 0
-    assert LateFrames.of(made, events) is None
+    assert LateFrames.from_frames(made, events) is None
 
 
 def at(seconds, late_s):
@@ -83,12 +83,12 @@ def at(seconds, late_s):
 def test_lateness_is_what_the_host_counts_beyond_the_tags_from_the_first_frame_on():
     made = frames([0.25, 0.5, 0.125, 1.0])
     made["time_us"][3] -= 2_500_000
-    found = LateFrames.of(made, ())
+    found = LateFrames.from_frames(made, ())
     assert found.late_s.tolist() == [0.0, 0.25, -0.125, 3.25]
     assert (found.utc_ns == made["utc_ns"]).all()
-    assert LateFrames.of(made[:0], ()) is None
+    assert LateFrames.from_frames(made[:0], ()) is None
     made["host_utc_ns"][2] = 0
-    assert LateFrames.of(made, ()) is None
+    assert LateFrames.from_frames(made, ()) is None
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ def frames(count):
 @pytest.mark.parametrize(("columns", "rows"), [(1024, 1024), (1600, 800)])
 def test_the_field_is_its_middle_and_corners_at_seven_tenths(columns, rows):
     camera = Camera(rows, columns, 2000.0, (columns / 2, rows / 2))
-    found = RawAttitudes.of(frames(3), np.arange(3), camera).field_sensor
+    found = RawAttitudes.from_frames(frames(3), np.arange(3), camera).field_sensor
     x, y = 0.35 * columns / 2000.0, 0.35 * rows / 2000.0
     assert np.linalg.norm(found, axis=1) == pytest.approx(np.ones(5))
     on_plane = found[:, :2] / found[:, 2:]
@@ -32,7 +32,7 @@ def test_the_field_is_its_middle_and_corners_at_seven_tenths(columns, rows):
 @pytest.mark.parametrize(("answered", "taken"), [(1, 1), (14, 14), (15, 15), (16, 15), (1000, 15)])
 def test_fifteen_answered_frames_stand_for_all_first_and_last_among_them(answered, taken):
     rows = 3 + 2 * np.arange(answered)
-    found = RawAttitudes.of(frames(3000), rows, Camera(1024, 1024, 4170.0, (511.5, 511.5)))
+    found = RawAttitudes.from_frames(frames(3000), rows, Camera(1024, 1024, 4170.0, (511.5, 511.5)))
     at_s = found.utc_ns // 10**9
     assert len(at_s) == taken
     assert (at_s[0], at_s[-1]) == (rows[0], rows[-1])

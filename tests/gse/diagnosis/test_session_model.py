@@ -25,7 +25,7 @@ def series_of(errors, rows=None):
 
 
 def model_of(errors, *, field=None, is_fitted=False):
-    return SessionModel.of(series_of(errors), field, SITE, MOUNT, is_fitted=is_fitted)
+    return SessionModel.from_series(series_of(errors), field, SITE, MOUNT, is_fitted=is_fitted)
 
 
 def plain(errors, *, field=None, is_fitted=False, rows=None):

@@ -102,7 +102,7 @@ def test_a_lasting_error_is_the_mean_of_a_star_as_far_as_it_is_more_than_chance(
     Two of four stretches are free, each with two axes: they scatter by 1 arcsec, and means of two by half of that
     square. The square of 6 on one of two axes is 18 on each, of which a half is chance: 17.5 of 18 are lasting.
     """
-    cells = _Cells.of(np.array([3, 3, 9, 9]), np.array([0, 4, 0, 4]))
+    cells = _Cells.from_stars(np.array([3, 3, 9, 9]), np.array([0, 4, 0, 4]))
     errors = np.array([[5.0, 0.0], [7.0, 0.0], [-5.0, 0.0], [-7.0, 0.0]])
     kept = np.array([6.0, 6.0, -6.0, -6.0]) * 17.5 / 18
     assert cells.lasting(errors) == pytest.approx(np.column_stack([kept, np.zeros(4)]))
@@ -114,7 +114,7 @@ def test_a_star_of_more_stretches_is_known_better():
     The three differ by -1, 0 and 1 on both axes: four over two times two is 1. 84 / 4 is lasting, of three stretches
     with a third of chance, of one with the whole.
     """
-    cells = _Cells.of(np.array([3, 3, 3, 3, 9]), np.array([0, 1, 2, 2, 0]))
+    cells = _Cells.from_stars(np.array([3, 3, 3, 3, 9]), np.array([0, 1, 2, 2, 0]))
     x = np.array([5.0, 6.0, 6.5, 7.5, 8.0])
     found = cells.lasting(np.column_stack([x, x - [6.0, 6.0, 6.0, 6.0, 8.0]]))
     assert found[:, 0] == pytest.approx([6 * 21 / (21 + 1 / 3)] * 4 + [8 * 21 / 22])
@@ -124,7 +124,7 @@ def test_a_star_of_more_stretches_is_known_better():
 @pytest.mark.parametrize("blocks", [[0, 0, 0, 0], [0, 1, 0, 1]])
 def test_what_is_chance_or_was_seen_in_one_stretch_alone_is_kept_of_no_star(blocks):
     """Means of a half, which chance makes as well."""
-    cells = _Cells.of(np.array([3, 3, 9, 9]), np.array(blocks))
+    cells = _Cells.from_stars(np.array([3, 3, 9, 9]), np.array(blocks))
     errors = np.array([[1.5, 0.0], [-0.5, 0.0], [-1.5, 0.0], [0.5, 0.0]])
     assert cells.lasting(errors).tolist() == np.zeros((4, 2)).tolist()
 

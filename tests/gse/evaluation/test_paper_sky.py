@@ -14,7 +14,7 @@ FIELD_RAD = math.radians(8)
 
 @pytest.fixture(scope="module")
 def sky():
-    return PaperSky.of(Plan(PRESETS[PIVOT_PAPER].optics, (), 100, 1, "gaia", angle_noise=True))
+    return PaperSky.from_plan(Plan(PRESETS[PIVOT_PAPER].optics, (), 100, 1, "gaia", angle_noise=True))
 
 
 def test_equations_1_and_2_give_the_numbers_of_the_paper():

@@ -114,7 +114,7 @@ def sequence(catalog, frames, **options):
     """The answers to frames that follow each other, as a session gives them, and which of them are right."""
     identifier = make_identifier(IdentifierOptions(algorithm="pivot", **options), FIELD_14_DEG, catalog)
     seen = [(FIELD_14_DEG.directions(frame.xy_px), frame.brightness) for frame in frames]
-    parts = [identifier.identify_many(ObjectColumns.of(part)) for part in (seen[:20], seen[20:])]
+    parts = [identifier.identify_many(ObjectColumns.from_panoramas(part)) for part in (seen[:20], seen[20:])]
     answers = [answer for part in parts for answer in part]
     return [
         isinstance(answer, Identification)

@@ -40,7 +40,7 @@ def test_a_panorama_has_enough_objects_and_no_more_than_thirty(count, reason):
 def test_many_panoramas_are_refused_as_one_by_one():
     panoramas = [(fan(count), np.linspace(900.0, 100.0, count)) for count in (0, FEWEST - 1, FEWEST, 17, 30, 31)]
     panoramas += [(fan(8), np.full(8, 5.0)), (fan(2), np.full(2, np.nan)), (fan(31), np.full(31, -1.0))]
-    found = refusals(ObjectColumns.of(panoramas), FEWEST)
+    found = refusals(ObjectColumns.from_panoramas(panoramas), FEWEST)
     assert [found.get(k) for k in range(len(panoramas))] == [refusal(*panorama, FEWEST) for panorama in panoramas]
     assert sorted(found) == [0, 1, 5, 6, 7, 8]
 

@@ -237,7 +237,7 @@ def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIden
         panoramas.append((beside, seen[0].brightness))
     panoramas.append((np.where(seen[0].directions_sensor > 0.1, np.nan, seen[0].directions_sensor), seen[0].brightness))
     panoramas = [panoramas[k] for k in np.random.default_rng(7).permutation(len(panoramas))]
-    many = wide.identify_many(ObjectColumns.of(panoramas))
+    many = wide.identify_many(ObjectColumns.from_panoramas(panoramas))
     ones = [wide.identify(directions, brightness) for directions, brightness in panoramas]
     assert len(many) == len(ones)
     reasons = {one.reason for one in ones if isinstance(one, Unidentified)}
@@ -254,9 +254,9 @@ def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIden
 
 
 def test_no_panoramas_have_no_answers(wide: RobustIdentifier) -> None:
-    assert len(wide.identify_many(ObjectColumns.of([]))) == 0
+    assert len(wide.identify_many(ObjectColumns.from_panoramas([]))) == 0
     empty = (np.empty((0, 3)), np.empty(0))
-    assert [type(answer) for answer in wide.identify_many(ObjectColumns.of([empty, empty]))] == [
+    assert [type(answer) for answer in wide.identify_many(ObjectColumns.from_panoramas([empty, empty]))] == [
         Unidentified,
         Unidentified,
     ]

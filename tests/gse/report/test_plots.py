@@ -91,7 +91,7 @@ def test_false_answers_are_not_drawn_as_errors() -> None:
         if number == 60:
             frame = _with(frame, frame.attitude_error, AnswerCheck.FALSE)
         add_frame(session.frames, frame)
-    good = PlotData.of(session, counted_frames(session)).good
+    good = PlotData.from_session(session, counted_frames(session)).good
     assert np.flatnonzero(~good).tolist() == [50, 60]
 
 
@@ -122,7 +122,7 @@ def test_a_track_is_drawn_at_the_poles_and_across_ra_zero(de_deg: float) -> None
     for number, frame in enumerate(synthetic_frames(30, trouble=False)):
         attitude = Attitude.from_angles((359.9 + number * 0.01) % 360, de_deg, 10.0)
         add_frame(session.frames, replace(frame, attitude=attitude, attitude_true=attitude))
-    drawn = PlotData.of(session, counted_frames(session))
+    drawn = PlotData.from_session(session, counted_frames(session))
     svg = svg_of("sky", 3.0, lambda figure: draw_sky(figure, drawn))
     assert svg.startswith("<svg")
 
@@ -132,7 +132,7 @@ def test_a_time_at_the_end_of_the_axis_is_whole(frames: int) -> None:
     session = synthetic_night(frames)
     figure = Figure(figsize=(WIDTH_IN, 4.0))
     with mpl.rc_context({"font.size": 8}):  # as in a report
-        draw_errors(figure, PlotData.of(session, counted_frames(session)))
+        draw_errors(figure, PlotData.from_session(session, counted_frames(session)))
         last = figure.axes[1]
         last.set_xlim(*last.dataLim.intervalx)  # the last mark is at the very end
         figure.draw_without_rendering()
@@ -144,14 +144,14 @@ def test_a_time_at_the_end_of_the_axis_is_whole(frames: int) -> None:
 def test_a_line_is_broken_where_frames_of_a_second_and_more_are_missing(missing_s: float, broken_at: list[int]) -> None:
     session = synthetic_night(300)
     session.frames.columns["utc_ns"][150:] += round(missing_s * 1e9)
-    data, (axes,) = PlotData.of(session, counted_frames(session)), Figure().subplots(1, 1, squeeze=False)[0]
+    data, (axes,) = PlotData.from_session(session, counted_frames(session)), Figure().subplots(1, 1, squeeze=False)[0]
     line(axes, data, np.arange(300.0), BLUE, "")
     assert np.flatnonzero(np.isnan(axes.lines[0].get_ydata())).tolist() == broken_at
 
 
 def test_a_hundred_thousand_points_make_a_small_figure() -> None:
     session = synthetic_night(300)
-    drawn = PlotData.of(session, counted_frames(session))
+    drawn = PlotData.from_session(session, counted_frames(session))
     big = PlotData(
         session,
         {name: np.tile(drawn.frames[name], 330) for name in FRAME.names},

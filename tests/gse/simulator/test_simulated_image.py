@@ -62,7 +62,7 @@ def test_the_light_of_a_star_is_as_its_magnitude_says() -> None:
     source_ = source(setting)
     image = source_.image(setting.start_utc_ns, 0.05).astype(float)
     xy_px, magnitude = stars_of(setting, 4.5)
-    electrons = Photometry.of(STATION.sensor, setting).star_electrons(magnitude, 0.05)
+    electrons = Photometry.from_scenario(STATION.sensor, setting).star_electrons(magnitude, 0.05)
     for (x, y), expected in zip(
         np.rint(xy_px).astype(int), electrons / setting.optics.electrons_per_index, strict=True
     ):
@@ -99,7 +99,7 @@ def test_noise_is_read_noise_and_shot_noise() -> None:
     setting = scenario(optics={"read_noise_electrons": 30.0, "dark_electrons_per_s": 2000.0})
     image = source(setting).image(setting.start_utc_ns, 0.5, 27.0).astype(float)
     quiet = image[image < np.median(image) + 5 * image.std()]
-    sky = Photometry.of(STATION.sensor, setting).sky_electrons(21.2, 0.5)
+    sky = Photometry.from_scenario(STATION.sensor, setting).sky_electrons(21.2, 0.5)
     dark = 2000 * 0.5 * 2 * np.exp(0.3**2 / 2)
     spread_of_dark = dark * 0.3
     expected = np.sqrt(30**2 + sky + dark + spread_of_dark**2) / 10

@@ -44,8 +44,8 @@ def test_a_table_that_is_full_doubles_and_keeps_its_rows():
         table.append(number, AttitudeMessage(**ANGLES | {"frame_no": number}))
     assert len(table) == 3000
     assert table.columns["frame_no"].tolist() == list(range(3000))
-    assert len(AttitudeTable.of(table.columns)) == 3000
-    assert AttitudeTable.of(table.columns[:0]).columns.dtype == OWN_ANSWER
+    assert len(AttitudeTable.from_rows(table.columns)) == 3000
+    assert AttitudeTable.from_rows(table.columns[:0]).columns.dtype == OWN_ANSWER
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_a_table_has_room_for_1024_answers_and_then_for_twice_as_many():
 def test_a_table_of_given_rows_takes_more(count):
     rows = np.zeros(count, dtype=OWN_ANSWER)
     rows["frame_no"] = 5
-    table = AttitudeTable.of(rows)
+    table = AttitudeTable.from_rows(rows)
     assert len(table) == count
     for number in (6, 7):
         table.append(number, AttitudeMessage(**ANGLES | {"frame_no": number}))

@@ -147,7 +147,9 @@ def test_an_answer_without_a_roll_has_no_error_of_roll_and_one_with_a_roll_has(c
     hot = NonStellarObjects(FIELD_14_DEG, SITE)
     processor = FrameProcessor(FIELD_14_DEG, 4096, identifier, None, hot, truth, mount)
     places = np.array([[100.0, 200.0], [300.0, 500.0], [800.0, 700.0]])
-    panoramas = Panoramas.of([Panorama(UTC_NS, places, np.array([300.0, 200.0, 100.0]), number) for number in (1, 2)])
+    panoramas = Panoramas.from_panoramas(
+        [Panorama(UTC_NS, places, np.array([300.0, 200.0, 100.0]), number) for number in (1, 2)]
+    )
     identified = processor.identify(panoramas)
     without, with_one = processor.conclude(panoramas, identified, identified.elapsed_us)
     assert (without.has_roll, with_one.has_roll) == (False, True)
@@ -206,7 +208,7 @@ FAULT = Unidentified(Reason.SENSOR_FAULT, "the sensor reports detector fault")
 def test_panoramas_without_a_fault_are_asked_for_and_what_is_given_for_each_has_its_place(catalog):
     crash = Failure(FailureKind.CRASH, "it ended")
     source = Timed(Given(answer_of(catalog, [3, 8], [0, 2]), 42.06), Given(no_answer(), None), Given(crash, 1000.04))
-    panoramas = Panoramas.of([made_panorama(number) for number in range(4)])
+    panoramas = Panoramas.from_panoramas([made_panorama(number) for number in range(4)])
     identifier = ExternalIdentifier(catalog, source)
     answers, attitudes, elapsed_us, given = external_answers_of(identifier, panoramas, {1: FAULT})
     assert source.asked == [0, 2, 3]
@@ -224,7 +226,7 @@ def test_panoramas_without_a_fault_are_asked_for_and_what_is_given_for_each_has_
 def identified_of(catalog, *given, panoramas=None):
     """What follows from three panoramas, of which the second is a fault of the sensor."""
     identifier = ExternalIdentifier(catalog, Timed(*given))
-    panoramas = panoramas or Panoramas.of([made_panorama(number) for number in range(3)])
+    panoramas = panoramas or Panoramas.from_panoramas([made_panorama(number) for number in range(3)])
     answers, attitudes, elapsed_us, by_panorama = external_answers_of(identifier, panoramas, {1: FAULT})
     light = lights_of([Light(k, 14.0 + k, 5.0, 100.0) for k in range(3)])
     checks = [ANSWER_CHECKS.index(one) for one in (AnswerCheck.FALSE, AnswerCheck.UNKNOWN, AnswerCheck.ABSENT)]
@@ -268,7 +270,7 @@ def test_results_of_an_answer_a_fault_and_no_answer_say_what_each_is(catalog):
 
 def test_objects_of_a_result_are_those_of_its_own_panorama(catalog):
     """The residuals of the third panorama, whose objects stand elsewhere, by the geometry of a pinhole."""
-    panoramas = Panoramas.of([made_panorama(0, 2), made_panorama(1, 1), made_panorama(2)])
+    panoramas = Panoramas.from_panoramas([made_panorama(0, 2), made_panorama(1, 1), made_panorama(2)])
     stars = np.argsort(-(catalog.icrs @ ATTITUDE.boresight_icrs))[:2]
     given = Given(no_answer(), None), Given(answer_of(catalog, stars, [1, 2]), None)
     identifier, panoramas, identified = identified_of(catalog, *given, panoramas=panoramas)

@@ -57,7 +57,7 @@ class Silent:
         self.catalog, self.answer = catalog, answer
 
     def identify_many(self, objects):
-        return Answers.of([self.answer] * len(objects))
+        return Answers.from_answers([self.answer] * len(objects))
 
 
 class KeptWaiting(Silent):
@@ -87,7 +87,7 @@ def processor(identifier, reference):
 
 def result(identifier, reference, panorama):
     made = processor(identifier, reference)
-    panoramas = Panoramas.of([panorama])
+    panoramas = Panoramas.from_panoramas([panorama])
     identified = made.identify(panoramas)
     return made.conclude(panoramas, identified, identified.elapsed_us)[0]
 
@@ -124,7 +124,10 @@ def test_air_parts_the_boresights_of_other_stars_in_a_low_field(reference, panor
     truths = [SiderealTruth(replace(SITE, longitude_deg=float(east)), table) for east in range(-180, 180, 2)]
     heights = [(truth.icrs_to_horizon(panorama.utc_ns) @ BORESIGHT.boresight_icrs)[2] for truth in truths]
     low = truths[int(np.abs(np.degrees(np.arcsin(heights)) - altitude_deg).argmin())]
-    made, panoramas = replace(processor(Turned(reference, by_deg), reference), truth=low), Panoramas.of([panorama])
+    made, panoramas = (
+        replace(processor(Turned(reference, by_deg), reference), truth=low),
+        Panoramas.from_panoramas([panorama]),
+    )
     identified = made.identify(panoramas)
     assert made.conclude(panoramas, identified, identified.elapsed_us)[0].answer_check is check
 
@@ -184,7 +187,7 @@ def test_positions_without_sense_spoil_their_own_panorama_alone(reference, panor
     """Farther away than a float can square."""
     insane = replace(panorama, xy_px=np.full((25, 2), 1e300), problems=("x is 1e300",))
     made = processor(Turned(reference, 0.0), reference)
-    panoramas = Panoramas.of([panorama, insane, panorama])
+    panoramas = Panoramas.from_panoramas([panorama, insane, panorama])
     identified = made.identify(panoramas)
     assert identified.sound.tolist() == [True, False, True]
     finite = np.isfinite(identified.directions_sensor).all(axis=1)
@@ -211,7 +214,7 @@ class Working(Silent):
 def test_the_time_of_panoramas_that_came_together_is_their_mean(reference, panorama, sound, faulty):
     """Of those that the identifier was shown; to a tenth of a microsecond."""
     spoiled = replace(panorama, problems=("no time",))
-    panoramas = Panoramas.of([panorama] * sound + [spoiled] * faulty)
+    panoramas = Panoramas.from_panoramas([panorama] * sound + [spoiled] * faulty)
     elapsed_us = processor(Working(reference.catalog), None).identify(panoramas).elapsed_us
     assert np.isnan(elapsed_us[sound:]).all()
     assert len(set(elapsed_us[:sound].tolist())) == 1
@@ -237,7 +240,7 @@ def test_a_fault_of_the_sensor_is_told_whole_and_stands_beside_its_panorama(refe
     """Between a panorama without objects and one with thirty."""
     full = replace(panorama, xy_px=np.full((30, 2), 500.0), brightness=np.linspace(4096.0, 1.0, 30))
     empty = replace(panorama, xy_px=np.zeros((0, 2)), brightness=np.zeros(0))
-    panoramas = Panoramas.of([empty, replace(panorama, **change), full, empty])
+    panoramas = Panoramas.from_panoramas([empty, replace(panorama, **change), full, empty])
     faults = processor(Silent(reference.catalog), None)._faults(panoramas)
     assert faults == {1: Unidentified(Reason.SENSOR_FAULT, detail)}
 
@@ -257,7 +260,7 @@ def test_the_mean_of_the_lapan_paper_is_taken_for_each_panorama_with_an_answer(r
     seen = [replace(panorama, xy_px=panorama.xy_px + rng.normal(0, 0.5, (25, 2))) for _ in range(3)]
     seen[1] = replace(seen[1], problems=("no time",))
     made = replace(processor(Turned(reference, 0.0), None), paper_mean=True)
-    panoramas = Panoramas.of(seen)
+    panoramas = Panoramas.from_panoramas(seen)
     wahba = processor(Turned(reference, 0.0), None).identify(panoramas)
     found = made.identify(panoramas)
     assert found.attitudes[1] is None
@@ -287,7 +290,7 @@ INERTIAL = Mount(inertial=InertialDirection(ra_deg=83.0, de_deg=0.0, roll_deg=20
 def concluded(identifier, panoramas, **changes):
     watched = Watched()
     made = replace(processor(identifier, None), non_stellar=watched, **changes)
-    many = Panoramas.of(panoramas)
+    many = Panoramas.from_panoramas(panoramas)
     identified = made.identify(many)
     return identified, made.conclude(many, identified, identified.elapsed_us), watched
 
@@ -372,7 +375,7 @@ def test_a_false_answer_within_three_standard_deviations_of_the_lift_is_correct(
     identified = Identified(
         np.zeros((6, 3)),
         np.ones(3, dtype=np.bool_),
-        Answers.of([NO_MATCH] * 3),
+        Answers.from_answers([NO_MATCH] * 3),
         attitudes_of([Attitude(np.eye(3), np.eye(3))] * 3),
         np.array([ANSWER_CHECKS.index(one) for one in before], dtype=np.uint8),
         separation_rad,
@@ -380,9 +383,9 @@ def test_a_false_answer_within_three_standard_deviations_of_the_lift_is_correct(
         np.zeros(3),
     )
     made = replace(processor(Silent(reference.catalog), None), truth=KnownAir(std_arcsec * arcsec))
-    checks = [ANSWER_CHECKS[one] for one in made._checks_under_air(Panoramas.of(seen), identified)]
+    checks = [ANSWER_CHECKS[one] for one in made._checks_under_air(Panoramas.from_panoramas(seen), identified)]
     assert checks == [AnswerCheck.FALSE, check, AnswerCheck.ABSENT]
-    unknown_sky = replace(made, truth=None)._checks_under_air(Panoramas.of(seen), identified)
+    unknown_sky = replace(made, truth=None)._checks_under_air(Panoramas.from_panoramas(seen), identified)
     assert [ANSWER_CHECKS[one] for one in unknown_sky] == before
 
 
@@ -405,13 +408,13 @@ def test_the_light_is_that_of_the_answer_or_of_the_reference_identifier_where_th
     reference, panorama, answer, with_reference, stars
 ):
     made = processor(Few(reference.catalog, answer), reference if with_reference else None)
-    light = made.identify(Panoramas.of([panorama, panorama])).light
+    light = made.identify(Panoramas.from_panoramas([panorama, panorama])).light
     assert light.stars.tolist() == [stars] * 2
 
 
 def test_the_separation_is_between_the_boresights_and_none_where_one_of_them_is_missing(reference, panorama):
     spoiled = replace(panorama, problems=("no time",))
-    panoramas = Panoramas.of([spoiled, panorama])
+    panoramas = Panoramas.from_panoramas([spoiled, panorama])
     found = processor(Turned(reference, 0.5), reference).identify(panoramas)
     assert np.isnan(found.separation_rad[0])
     assert found.separation_rad[1] == pytest.approx(2 * np.sin(np.radians(0.25)), rel=1e-6)
@@ -424,7 +427,7 @@ def test_the_separation_is_between_the_boresights_and_none_where_one_of_them_is_
 class LeftOut:
     """Takes the place of the search for stars that were left out, and notes what it is given."""
 
-    def of(self, objects, answers, frames):
+    def beside(self, objects, answers, frames):
         self.objects, self.answers, self.frames = objects, answers, frames
         return Matches.none(len(answers))
 
@@ -455,17 +458,16 @@ class InTurn(Silent):
 
     def identify_many(self, objects):
         found = Identification(np.array([0, 1]), np.array([5, 9]), 0.0)
-        return Answers.of([found] + [NO_MATCH] * (len(objects) - 1))
+        return Answers.from_answers([found] + [NO_MATCH] * (len(objects) - 1))
 
 
 def test_panoramas_without_an_answer_show_the_sky_of_the_reference_identifier_and_the_others_their_own(
     reference, panorama
 ):
-    light = processor(InTurn(reference.catalog), reference).identify(Panoramas.of([panorama] * 3)).light
+    light = processor(InTurn(reference.catalog), reference).identify(Panoramas.from_panoramas([panorama] * 3)).light
     assert light.stars.tolist() == [2, 25, 25]
-    assert processor(InTurn(reference.catalog), None).identify(Panoramas.of([panorama] * 3)).light.stars.tolist() == [
-        2, 0, 0,
-    ]  # fmt: skip
+    light = processor(InTurn(reference.catalog), None).identify(Panoramas.from_panoramas([panorama] * 3)).light
+    assert light.stars.tolist() == [2, 0, 0]
 
 
 class Source:
@@ -487,7 +489,7 @@ def test_the_sky_of_an_external_identifier_is_that_of_the_reference_identifier_w
     """It cannot know the second panorama, whose objects stand anywhere."""
     anywhere = replace(panorama, xy_px=np.random.default_rng(4).uniform(0, 1023, (25, 2)))
     external = ExternalIdentifier(reference.catalog, Source(reference.catalog))
-    made, panoramas = processor(external, reference), Panoramas.of([panorama, anywhere])
+    made, panoramas = processor(external, reference), Panoramas.from_panoramas([panorama, anywhere])
     identified = made.identify(panoramas)
     assert identified.light.stars.tolist() == [25, 2]
     results = made.conclude(panoramas, identified, identified.elapsed_us)

@@ -253,7 +253,7 @@ def test_a_part_of_results_is_what_they_are_counted_from_its_first():
 
 def test_a_part_of_answers_has_its_own_reasons():
     none = Unidentified(Reason.NO_MATCH, "no star reached Fn = 6")
-    answers = Answers.of([none, Identification(np.array([1]), np.array([8]), 0.5), none])
+    answers = Answers.from_answers([none, Identification(np.array([1]), np.array([8]), 0.5), none])
     part = answers.part(1, 3)
     assert (part[0].stars.tolist(), part[0].false_match_probability) == ([8], 0.5)
     assert part.unidentified == {1: none}

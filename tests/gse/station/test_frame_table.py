@@ -100,7 +100,7 @@ def test_a_table_has_room_for_fourteen_hours_at_ten_hertz_from_the_first():
 
 
 def test_a_table_that_is_full_gets_twice_the_room_that_it_needs_and_not_before():
-    table = FrameTable.of(rows_of_frames(1), rows_of_stars())
+    table = FrameTable.from_rows(rows_of_frames(1), rows_of_stars())
     rooms = []
     for number in range(1, 6):
         rooms.append((len(table), table._frames.rows))
@@ -111,7 +111,7 @@ def test_a_table_that_is_full_gets_twice_the_room_that_it_needs_and_not_before()
 
 
 def test_a_table_of_given_rows_is_what_they_are_and_takes_more():
-    table = FrameTable.of(rows_of_frames(3), rows_of_stars(0, 2))
+    table = FrameTable.from_rows(rows_of_frames(3), rows_of_stars(0, 2))
     assert (len(table), table.columns["frame_no"].tolist()) == (3, [0, 1, 2])
     table.extend(rows_of_frames(2), rows_of_stars(0, 1, 1))
     assert table.columns["frame_no"].tolist() == [0, 1, 2, 0, 1]
@@ -165,7 +165,7 @@ def test_other_objects_are_thinned_by_themselves_and_pictures_are_of_frames_with
 
 
 def test_a_snapshot_stays_as_it_was_while_the_table_goes_on():
-    table = FrameTable.of(rows_of_frames(2), rows_of_stars(1))
+    table = FrameTable.from_rows(rows_of_frames(2), rows_of_stars(1))
     taken = table.snapshot()
     table.extend(rows_of_frames(1), rows_of_stars(0))
     table.columns["frame_no"] = 9

@@ -120,7 +120,7 @@ def setup() -> Setup:
 
 def empty(*after_s: float) -> Panoramas:
     """Panoramas without objects: there is nothing to identify."""
-    return Panoramas.of(
+    return Panoramas.from_panoramas(
         [Panorama(START_NS + round(s * NS_PER_S), np.zeros((0, 2)), np.zeros(0), n) for n, s in enumerate(after_s)]
     )
 
@@ -369,7 +369,7 @@ class EventsAt:
     def __init__(self, *places: int) -> None:
         self._places = places
 
-    def of(self, results: FrameResults, session: SessionData, first: int) -> list[tuple[int, LinkEvent]]:
+    def brought_by(self, results: FrameResults, session: SessionData, first: int) -> list[tuple[int, LinkEvent]]:
         return [(place, event(100 * first + place)) for place in self._places]
 
 

@@ -35,7 +35,7 @@ def at_another_time(frame: Made, number: int) -> Made:
 
 
 def plotted(session: SessionData) -> PlotData:
-    return PlotData.of(session, counted_frames(session))
+    return PlotData.from_session(session, counted_frames(session))
 
 
 @pytest.mark.parametrize(("made_of", "most_rows"), [(judge, 2.2), (plotted, 0.6)], ids=["judged", "drawn"])

@@ -41,9 +41,9 @@ def kinds(names: NonStellarObjects, second: float, *xy_px: tuple[float, float]) 
 
 def name(names, panorama, identified, attitude, *, truth_known):
     directions = CAMERA.directions(panorama.xy_px)
-    answers = Answers.of([Identification(identified, identified, 0.0)])
+    answers = Answers.from_answers([Identification(identified, identified, 0.0)])
     turned = attitude.icrs_to_sensor[None]
-    return names.name(Panoramas.of([panorama]), directions, answers, turned, truth_known=truth_known)[0]
+    return names.name(Panoramas.from_panoramas([panorama]), directions, answers, turned, truth_known=truth_known)[0]
 
 
 def test_what_stays_on_its_pixel_while_the_sky_moves_is_a_hot_pixel() -> None:
@@ -253,9 +253,11 @@ NO_ANSWER = Unidentified(Reason.NO_MATCH, "made on purpose")
 
 def names_of(names, panoramas, answers, attitudes, *, truth_known=False):
     """The objects without a star of panoramas that come in one call."""
-    many = Panoramas.of(panoramas)
+    many = Panoramas.from_panoramas(panoramas)
     turned = np.array([attitude.icrs_to_sensor for attitude in attitudes])
-    found = names.name(many, CAMERA.directions(many.xy_px), Answers.of(answers), turned, truth_known=truth_known)
+    found = names.name(
+        many, CAMERA.directions(many.xy_px), Answers.from_answers(answers), turned, truth_known=truth_known
+    )
     return [found[k] for k in range(len(panoramas))]
 
 

@@ -63,7 +63,7 @@ def stored(count, session, *, reasons=(), failed=None):
             made[-1] = replace(made[-1], given=Given(fault or object(), 1.0))
         add_frame(session.frames, made[-1])
     answers = [dict(reasons).get(place, FOUND) for place in range(count)]
-    return replace(results_of(made), answers=Answers.of(answers))
+    return replace(results_of(made), answers=Answers.from_answers(answers))
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_events_stand_before_the_results_that_bring_them_in_their_order(session)
     stored(4, session)
     mirrored = Unidentified(Reason.MIRRORED, "once flipped, it fits")
     results = stored(5, session, reasons={3: mirrored, 2: Unidentified(Reason.NO_MATCH, "")}.items())
-    found = ResultEvents(Sky(1, 4, 8), Camera(at=2)).of(results, session, 4)
+    found = ResultEvents(Sky(1, 4, 8), Camera(at=2)).brought_by(results, session, 4)
     assert [(place, one.kind) for place, one in found] == [
         (0, "CLEAR"),
         (0, "CLOUDED"),
@@ -92,7 +92,7 @@ def test_events_stand_before_the_results_that_bring_them_in_their_order(session)
 def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
     stored(2, session)
     results = stored(3, session, failed=1)
-    ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 2)
+    ((place, told),) = ResultEvents(Sky(), Camera()).brought_by(results, session, 2)
     assert (place, told.kind, told.utc_ns) == (1, "IDENTIFIER_FAULT", START_NS + 3 * NS_PER_S)
     assert (told.text, told.mono_ns) == ("CRASH at frame 3: it ended", 0)
     assert (session.external_counts.answers, session.external_counts.failures["CRASH"]) == (2, 1)
@@ -102,13 +102,13 @@ def test_a_program_that_is_given_up_is_told_once_with_the_first_frame_without_an
     given_up = Given(Failure(FailureKind.GIVEN_UP, "it failed too often"), 1.0)
     results = stored(3, session, failed=0)
     results = replace(results, given=dict.fromkeys(range(3), given_up))
-    ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 0)
+    ((place, told),) = ResultEvents(Sky(), Camera()).brought_by(results, session, 0)
     assert (place, told.kind) == (0, "IDENTIFIER_GIVEN_UP")
     assert told.text == "no answer from frame 0 on: it failed too often"
     assert session.external_counts.failures["GIVEN_UP"] == 3
     more = stored(2, session, failed=0)
     more = replace(more, given=dict.fromkeys(range(2), given_up))
-    assert list(ResultEvents(Sky(), Camera()).of(more, session, 3)) == []
+    assert list(ResultEvents(Sky(), Camera()).brought_by(more, session, 3)) == []
 
 
 @pytest.mark.parametrize(("end", "kinds"), [("", ["NO_STARS"]), ("it is wrong", ["WRONG_CAMERA", "NO_STARS"])])
@@ -127,5 +127,5 @@ def test_before_a_star_simulator_there_is_no_sky(session):
     simulated = SessionData(shown, BUILT_IN_TEXT, "panorama-v1")
     for of, places in ((session, [0, 0]), (simulated, [])):
         results = stored(2, of)
-        assert [place for place, _ in ResultEvents(Sky(0), Camera()).of(results, of, 0)] == places
+        assert [place for place, _ in ResultEvents(Sky(0), Camera()).brought_by(results, of, 0)] == places
         assert len(ResultEvents(Sky(), Camera()).finish(of)) == len(places) // 2

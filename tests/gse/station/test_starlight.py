@@ -17,7 +17,9 @@ CATALOG = SimpleNamespace(magnitude=np.array([1.0, 2.0, 3.0, 5.0, 6.5]))
 
 def light(brightness, stars):
     named = Identification(np.arange(len(stars)), np.array(stars), 1e-9)
-    return starlights(np.array(brightness), Parts.of_counts(np.array([len(brightness)])), Answers.of([named]), CATALOG)
+    return starlights(
+        np.array(brightness), Parts.of_counts(np.array([len(brightness)])), Answers.from_answers([named]), CATALOG
+    )
 
 
 def test_the_zero_point_is_the_magnitude_of_one_index_value_and_no_catalogue_star_is_a_magnitude_fainter():
@@ -63,7 +65,7 @@ def named(objects, stars):
 
 def test_the_light_of_many_panoramas_stands_at_those_with_named_stars():
     """Of five panoramas two have an answer: the second names both of its objects, the fourth two of its three."""
-    answers = Answers.of([NO_MATCH, named([1, 0], [3, 0]), NO_MATCH, named([2, 0], [2, 4]), named([], [])])
+    answers = Answers.from_answers([NO_MATCH, named([1, 0], [3, 0]), NO_MATCH, named([2, 0], [2, 4]), named([], [])])
     brightness = np.array([50.0, 100.0, 10.0, 7.0, 1000.0, 5.0, 100.0, 4.0])
     found = starlights(brightness, Parts.of_counts([1, 2, 1, 3, 1]), answers, CATALOG)
     assert found.stars.tolist() == [0, 2, 0, 2, 0]
@@ -83,12 +85,12 @@ def test_one_named_star_shows_a_magnitude_and_no_zero_point():
 
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_without_an_answer_there_is_no_light(count):
-    found = starlights(np.ones(count), Parts.of_counts([1] * count), Answers.of([NO_MATCH] * count), CATALOG)
+    found = starlights(np.ones(count), Parts.of_counts([1] * count), Answers.from_answers([NO_MATCH] * count), CATALOG)
     assert (found.stars.tolist(), found.faintest_index.tolist()) == ([0] * count, [math.inf] * count)
 
 
 def test_rows_of_all_panoramas_are_those_of_each_behind_the_ones_before():
-    answers = Answers.of([named([1], [0]), NO_MATCH, named([2, 0], [1, 2])])
+    answers = Answers.from_answers([named([1], [0]), NO_MATCH, named([2, 0], [1, 2])])
     assert rows_of(Parts.of_counts([2, 4, 3]), answers).tolist() == [1, 8, 6]
 
 

@@ -42,7 +42,7 @@ def shown(stars):
 
 
 def objects_of(seen):
-    return ObjectColumns.of([(one, np.ones(len(one))) for one in seen])
+    return ObjectColumns.from_panoramas([(one, np.ones(len(one))) for one in seen])
 
 
 def test_the_nearest_star_is_that_of_a_tree_at_the_poles_too(stars):
@@ -64,8 +64,8 @@ def test_an_object_at_the_place_of_a_star_is_that_star(stars):
     px[3] += [0.0, 2.0]
     px[5] += [20.0, 0.0]
     named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
-    found = LeftOutStars(FIELD_14_DEG, stars).of(
-        objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(
+        objects_of([FIELD_14_DEG.directions(px)]), Answers.from_answers([named]), frames(1)
     )
     assert found.objects.tolist() == [3, 4, *range(6, len(rows))]
     assert found.stars.tolist() == [rows[3], rows[4], *rows[6:]]
@@ -78,8 +78,8 @@ def test_of_two_objects_at_one_star_the_nearer_is_the_star_and_a_named_star_is_n
     offset_px = np.array([[0, 0], [0, 0], [0, 0], [1.5, 0], [0.5, 0], [1, 0]])
     px = FIELD_14_DEG.pixels(exact[[0, 1, 2, 3, 3, 0]]) + offset_px
     named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
-    found = LeftOutStars(FIELD_14_DEG, stars).of(
-        objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(
+        objects_of([FIELD_14_DEG.directions(px)]), Answers.from_answers([named]), frames(1)
     )
     assert (found.objects.tolist(), found.stars.tolist()) == ([4], [rows[3]])
 
@@ -92,7 +92,7 @@ def test_what_one_panorama_names_is_free_in_another_and_the_last_stars_of_the_ca
         FIELD_14_DEG.pixels(exact[3:4]) + np.array([1.0, 0.0])
     )  # a star that is named already
     seen = objects_of([exact, np.concatenate([exact, beside])])
-    found = LeftOutStars(FIELD_14_DEG, few).of(seen, Answers.of(named), frames(2))
+    found = LeftOutStars(FIELD_14_DEG, few).beside(seen, Answers.from_answers(named), frames(2))
     everything = set(range(len(rows)))
     assert [set(found.part(k, k + 1).stars.tolist()) for k in range(2)] == [
         everything - {0, 1, 2},
@@ -112,9 +112,9 @@ def test_air_biases_the_stars_that_the_neighbour_technique_names_but_not_all_tha
     seen = [FIELD_14_DEG.directions(places + rng.normal(0, NOISE_PX, places.shape)) for _ in range(FRAMES)]
     light = np.arange(len(rows), 0, -1.0)
     identifier = NeighbourIdentifier(stars, FIELD_14_DEG, IdentifierOptions())
-    named = identifier.identify_many(ObjectColumns.of([(one, light) for one in seen]))
+    named = identifier.identify_many(ObjectColumns.from_panoramas([(one, light) for one in seen]))
     chosen = [_scale(one, answer.objects, answer.stars, stars) for one, answer in zip(seen, named, strict=True)]
-    left_out = LeftOutStars(FIELD_14_DEG, stars).of(objects_of(seen), named, frames(FRAMES))
+    left_out = LeftOutStars(FIELD_14_DEG, stars).beside(objects_of(seen), named, frames(FRAMES))
     whole = [
         _scale(one, np.append(answer.objects, rest.objects), np.append(answer.stars, rest.stars), stars)
         for one, answer, rest in zip(seen, named, (left_out.part(k, k + 1) for k in range(len(seen))), strict=True)
@@ -149,14 +149,14 @@ def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
     seen = truth.refraction.added(apparent[rows], looking @ zenith_icrs)
     known = SolvedFrames(looking[None], looking[None], truth, np.array([utc_ns]), to_horizon[None])
     named = Identification(np.array([0]), rows[:1], 1e-9)
-    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), known)
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(objects_of([seen]), Answers.from_answers([named]), known)
     assert found.stars.tolist() == rows[1:].tolist()
     assert np.abs(found.residuals_arcsec).max() < 0.01
     twice = seen[[0, 0]]  # a second object at the place of the one star, which has its name already
-    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([twice]), Answers.of([named]), known)
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(objects_of([twice]), Answers.from_answers([named]), known)
     assert len(found.stars) == 0
     unknown = replace(known, truth=None, icrs_to_horizon=None)
-    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), unknown)
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(objects_of([seen]), Answers.from_answers([named]), unknown)
     assert np.abs(found.residuals_arcsec).max() > 10
 
 
@@ -216,8 +216,8 @@ def test_an_object_within_four_pixels_of_the_place_of_a_star_is_it(stars, off_px
     centre_px = px[3] - 511.5
     px[3] += off_px * np.array([-centre_px[1], centre_px[0]]) / np.hypot(*centre_px)
     named = Identification(np.arange(3), rows[:3], 1e-9)
-    found = LeftOutStars(FIELD_14_DEG, stars).of(
-        objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(
+        objects_of([FIELD_14_DEG.directions(px)]), Answers.from_answers([named]), frames(1)
     )
     assert found.stars.tolist() == ([rows[3]] if is_found else [])
 
@@ -225,8 +225,10 @@ def test_an_object_within_four_pixels_of_the_place_of_a_star_is_it(stars, off_px
 def test_a_panorama_without_an_answer_leaves_out_no_star_and_those_beside_it_keep_their_own(stars):
     rows, exact = shown(stars)
     named = Identification(np.arange(3), rows[:3], 1e-9)
-    answers = Answers.of([Unidentified(Reason.NO_MATCH, ""), named, Unidentified(Reason.NO_MATCH, ""), named])
-    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact, exact[:4], exact, exact[:5]]), answers, frames(2))
+    answers = Answers.from_answers([Unidentified(Reason.NO_MATCH, ""), named, Unidentified(Reason.NO_MATCH, ""), named])
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(
+        objects_of([exact, exact[:4], exact, exact[:5]]), answers, frames(2)
+    )
     assert [found.part(k, k + 1).objects.tolist() for k in range(4)] == [[], [3], [], [3, 4]]
     assert [found.part(k, k + 1).stars.tolist() for k in range(4)] == [[], [rows[3]], [], rows[3:5].tolist()]
     assert found.name_of(int(rows[3])) == stars.name(int(rows[3]))
@@ -240,7 +242,7 @@ def test_before_air_is_taken_off_a_star_is_sought_within_eight_pixels_of_its_pla
     for off_px in (7.0, 9.0):
         lift = Rotation.from_rotvec([off_px * FIELD_14_DEG.pixel_rad, 0.0, 0.0]).as_matrix()
         lifted = replace(frames(1), raw=(lift @ LOOKING)[None])
-        one = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:4]]), Answers.of([named]), lifted)
+        one = LeftOutStars(FIELD_14_DEG, stars).beside(objects_of([exact[:4]]), Answers.from_answers([named]), lifted)
         found.append(one.stars.tolist())
     assert found == [[rows[3]], []]
 
@@ -248,5 +250,5 @@ def test_before_air_is_taken_off_a_star_is_sought_within_eight_pixels_of_its_pla
 def test_an_object_that_bears_a_wrong_name_is_not_found_as_the_star_at_whose_place_it_is(stars):
     rows, exact = shown(stars)
     named = Identification(np.arange(3), rows[3:6], 1e-9)
-    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:3]]), Answers.of([named]), frames(1))
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(objects_of([exact[:3]]), Answers.from_answers([named]), frames(1))
     assert len(found.stars) == 0

@@ -65,7 +65,7 @@ def of_session(matched=(0, 12, 8, 30), **facts):
     made = session(4)
     made.frames.columns["matched"] = matched
     made.catalog = facts
-    return FieldOfStars.of(made)
+    return FieldOfStars.from_session(made)
 
 
 @pytest.mark.parametrize(

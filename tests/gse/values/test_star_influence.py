@@ -14,7 +14,7 @@ def test_sightings_of_a_star_in_a_stretch_are_one_cell_also_before_the_first_str
     for row, cell in enumerate(zip(stars.tolist(), blocks.tolist(), strict=True)):
         by_hand.setdefault(cell, []).append(row)
 
-    cells = StarCells.of(stars, blocks)
+    cells = StarCells.from_stars(stars, blocks)
 
     assert list(zip(cells.star.tolist(), cells.block.tolist(), strict=True)) == sorted(by_hand)
     for number, cell in enumerate(sorted(by_hand)):
@@ -25,7 +25,7 @@ def test_sightings_of_a_star_in_a_stretch_are_one_cell_also_before_the_first_str
 
 def test_no_sighting_is_no_cell() -> None:
     none = np.empty(0, dtype=np.int64)
-    assert len(StarCells.of(none, none).star) == 0
+    assert len(StarCells.from_stars(none, none).star) == 0
 
 
 def test_the_turns_of_frames_are_the_least_squares_fits_of_small_rotations_to_the_errors_of_their_stars() -> None:
@@ -36,7 +36,7 @@ def test_the_turns_of_frames_are_the_least_squares_fits_of_small_rotations_to_th
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     errors = rng.normal(size=(len(frames), 2, 4))
 
-    fits = FrameFits.of(directions, frames)
+    fits = FrameFits.from_directions(directions, frames)
     turns = fits.turns(errors)
 
     assert fits.numbers.tolist() == [2, 3, 7]

@@ -140,7 +140,7 @@ def test_an_axis_of_a_subject_is_that_of_its_good_answers():
     none = np.zeros(24, dtype=bool)
     statistics = type("Statistics", (), {"axes": {"d_de": NOTHING}})()
     subject = ComparedSubject(statistics, utc_ns, given, good, none, none, none, {})
-    found = ComparedAxis.of(subject, D_DE)
+    found = ComparedAxis.from_subject(subject, D_DE)
     kept, at_s = errors[good], utc_ns[good] / NS_PER_S
     quick = np.array([error - kept[np.abs(at_s - when) <= 10].mean() for error, when in zip(kept, at_s, strict=True)])
     assert found.time_error_arcsec == pytest.approx(scipy.stats.sem(kept))
@@ -149,4 +149,4 @@ def test_an_axis_of_a_subject_is_that_of_its_good_answers():
     assert math.isnan(found.field.geometry)
     assert (found.field.noise_error_share, found.field.spread_error_share, found.field.bias_error_arcsec) == (0, 0, 0)
     nobody = replace(subject, good=none)
-    assert math.isnan(ComparedAxis.of(nobody, D_DE).noise_time_share)
+    assert math.isnan(ComparedAxis.from_subject(nobody, D_DE).noise_time_share)

@@ -31,7 +31,7 @@ def frames_of_all_kinds():
 
 
 def test_answers_of_the_table_are_good_missed_false_or_slow(frames_of_all_kinds):
-    found = ComparedSession.of(frames_of_all_kinds)
+    found = ComparedSession.from_session(frames_of_all_kinds)
     table, frames = found.table, frames_of_all_kinds.frames.columns
     assert rows(~table.good) == [1, 2, 3]
     assert rows(table.missed) == [1, 2]
@@ -60,7 +60,7 @@ def answered():
 
 
 def test_a_sensors_own_answers_are_good_missed_false_or_slow(answered):
-    found = ComparedSession.of(answered)
+    found = ComparedSession.from_session(answered)
     assert rows(~found.sensor.good) == [1, 2]
     assert rows(found.sensor.missed) == [1, 2]
     assert rows(found.sensor.false) == [2]
@@ -74,7 +74,7 @@ def test_a_sensors_own_answers_are_good_missed_false_or_slow(answered):
 def test_answers_in_another_convention_are_neither_good_nor_false(answered):
     hours = copy.deepcopy(answered)
     hours.sensor_attitudes.columns["ra_deg"] /= 15
-    found = ComparedSession.of(hours).sensor
+    found = ComparedSession.from_session(hours).sensor
     assert rows(found.good) == rows(found.false) == []
     assert rows(found.missed) == [1]
 
@@ -85,7 +85,7 @@ def test_answers_in_another_convention_are_neither_good_nor_false(answered):
 def test_a_sensor_said_the_same_where_each_answer_its_time_and_its_errors_are(answered, column, change):
     other = copy.deepcopy(answered)
     other.sensor_attitudes.columns[column][7] += change  # the answer to the ninth panorama
-    one, two = ComparedSession.of(answered), ComparedSession.of(other)
+    one, two = ComparedSession.from_session(answered), ComparedSession.from_session(other)
     every, without = np.arange(20), np.delete(np.arange(20), 8)
     assert one.sensor_said_the_same(one, (every, every))
     assert not one.sensor_said_the_same(two, (every, every))
@@ -94,7 +94,7 @@ def test_a_sensor_said_the_same_where_each_answer_its_time_and_its_errors_are(an
 
 
 def test_a_sensor_without_answers_said_nothing_that_could_be_the_same(answered):
-    one, none = ComparedSession.of(answered), ComparedSession.of(session(20))
+    one, none = ComparedSession.from_session(answered), ComparedSession.from_session(session(20))
     every = np.arange(20)
     assert not one.sensor_said_the_same(none, (every, every))
     assert not none.sensor_said_the_same(one, (every, every))

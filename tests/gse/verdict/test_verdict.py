@@ -415,7 +415,7 @@ def test_answers_that_are_compared_with_nothing_make_no_pass(frame_no_off, chang
     more = rows[::3].copy()
     more["de_deg"] += changed_deg
     more["frame_no"] += frame_no_off
-    made.sensor_attitudes = AttitudeTable.of(np.concatenate([more, rows]))
+    made.sensor_attitudes = AttitudeTable.from_rows(np.concatenate([more, rows]))
     if frame_no_off:
         verdict = Verdict.INCONCLUSIVE  # right or wrong, nobody knows
     assert judge(made).verdict is verdict

@@ -72,7 +72,7 @@ def test_an_answer_finds_its_panorama_whichever_of_them_comes_first(watched, ahe
     for k in range(-3, 63):  # the last answers come after the last panorama, or the other way round
         if 0 <= k < 60:
             growing.frames.extend(frames[k : k + 1].copy(), session.frames.matches[:0], session.frames.others[:0])
-        growing.sensor_attitudes = AttitudeTable.of(answers[: max(0, min(k + 1 + ahead, 60))])
+        growing.sensor_attitudes = AttitudeTable.from_rows(answers[: max(0, min(k + 1 + ahead, 60))])
         parts.append(new.take(growing))
     found, judged = np.concatenate(parts), sensor_answers(session)
     assert found["utc_ns"].tolist() == frames["utc_ns"][:60].tolist()
