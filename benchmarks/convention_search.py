@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.station.own_answers import OwnAnswerTruth
-from gse.statistics.sensor_convention import Evidence, search_convention
+from gse.statistics.sensor_convention import SentAnswers, search_convention
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.frames import icrs_to_frame
 from gse.values.attitude_convention import AttitudeConvention, proper_axes, state_angles, state_quaternions
@@ -43,7 +43,7 @@ def random_convention(random: np.random.Generator) -> AttitudeConvention:
     )
 
 
-def draw(random: np.random.Generator, orientation: EarthOrientation) -> tuple[AttitudeConvention, Evidence, float]:
+def draw(random: np.random.Generator, orientation: EarthOrientation) -> tuple[AttitudeConvention, SentAnswers, float]:
     """A convention, 60 s of its answers, and how far the body frame is turned."""
     convention = random_convention(random)
     start_ns = int(random.integers(FIRST_NS, LAST_NS))
@@ -61,10 +61,10 @@ def draw(random: np.random.Generator, orientation: EarthOrientation) -> tuple[At
     answered = noise @ turn @ (taken_out if convention.aberration == "corrected" else left_in)
     stated = answered @ icrs_to_frame(convention.frame, utc_ns).transpose(0, 2, 1)
     state = state_quaternions if random.integers(2) else state_angles
-    return convention, Evidence(utc_ns, state(stated, convention), left_in, taken_out, 1.0), body_arcsec
+    return convention, SentAnswers(utc_ns, state(stated, convention), left_in, taken_out, 1.0), body_arcsec
 
 
-def outcome(convention: AttitudeConvention, evidence: Evidence, body_arcsec: float) -> tuple[str, str]:
+def outcome(convention: AttitudeConvention, evidence: SentAnswers, body_arcsec: float) -> tuple[str, str]:
     """The word on the convention, and the word on aberration."""
     found = search_convention(evidence)
     if found is None or not found.fits:

@@ -19,7 +19,7 @@ import numpy as np
 from gse.catalog import load_catalog, mission_catalog
 from gse.catalog.flight import write_table
 from gse.evaluation.frames import Conditions, FrameMaker, Optics
-from gse.evaluation.panoramas import Case, PanoramaSet, benchmark, table
+from gse.evaluation.panoramas import BenchmarkFrame, PanoramaSet, benchmark, table
 from gse.external.answers import ExternalAnswer
 from gse.external.identifier import RunningIdentifier
 from gse.external.panoramas import SensorDescription
@@ -161,7 +161,7 @@ def solvers(count: int) -> None:
     for name, optics in CAMERAS.items():
         sensor = SensorDescription(name, optics.camera, 4096)
         made = panoramas(optics, Conditions("made", whole_pixels=False), count)
-        cases = (Case(str(panorama.frame_no), sensor, panorama, boresight) for panorama, boresight in made)
+        cases = (BenchmarkFrame(str(panorama.frame_no), sensor, panorama, boresight) for panorama, boresight in made)
         sets.append(PanoramaSet(f"camera {name}", tuple(cases)))
     entry_point = IdentifierOptions(algorithm="external", entry_point="tetra3rs", timeout_ms=60_000)
     rows = benchmark((IdentifierOptions(algorithm="robust"), entry_point), sets, "gaia")

@@ -52,7 +52,7 @@ _NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class BenchmarkFrame:
     """A panorama, the camera that saw it, and where it looked: a unit vector (3,) in ICRS."""
 
     name: str
@@ -66,7 +66,7 @@ class PanoramaSet:
     """Panoramas of one source."""
 
     name: str
-    cases: tuple[Case, ...]
+    cases: tuple[BenchmarkFrame, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +106,13 @@ def seeded_set(plan: Plan, cell: Cell, catalog: StarCatalog) -> PanoramaSet:
         frame = maker.frame(direction, rng)
         if frame.real_stars >= plan.fewest_stars:
             panorama = Panorama(0, frame.xy_px, frame.brightness, number)
-            cases.append(Case(f"{number}", sensor, panorama, frame.attitude.boresight_icrs))
+            cases.append(BenchmarkFrame(f"{number}", sensor, panorama, frame.attitude.boresight_icrs))
     conditions = cell.conditions
     name = f"seeded, {conditions.position_arcsec:g} arcsec, {conditions.false_objects} false"
     return PanoramaSet(name, tuple(cases))
 
 
-def scores(options: IdentifierOptions, cases: Sequence[Case], catalog: str) -> list[Score]:
+def scores(options: IdentifierOptions, cases: Sequence[BenchmarkFrame], catalog: str) -> list[Score]:
     """The scores of an identifier, in the order of the cases."""
     found: dict[int, Score] = {}
     by_sensor: dict[SensorDescription, list[int]] = {}
@@ -179,7 +179,7 @@ def _line(one: dict[str, Any]) -> str:
     return f"{one['identifier']:11.11}{one['panoramas']:7d}{shares}{errors}{spent}"
 
 
-def _cases(path: Path) -> Iterator[Case]:
+def _cases(path: Path) -> Iterator[BenchmarkFrame]:
     truths = _truths(path)
     tables = sorted({*path.parent.glob("*.csv"), *(path.parent / "tables").glob("*.csv")}, key=lambda one: one.stem)
     for number, one in enumerate(tables):
@@ -187,7 +187,7 @@ def _cases(path: Path) -> Iterator[Case]:
         if names:
             name = max(names, key=len)
             sensor, boresight = truths[name]
-            yield Case(one.stem, sensor, Panorama(0, *read_panorama_table(one), number), boresight)
+            yield BenchmarkFrame(one.stem, sensor, Panorama(0, *read_panorama_table(one), number), boresight)
 
 
 def _truths(path: Path) -> dict[str, tuple[SensorDescription, NDArray[np.float64]]]:
@@ -236,7 +236,7 @@ def _catalog(source: str) -> StarCatalog:
 
 
 def _built_in(
-    options: IdentifierOptions, sensor: SensorDescription, cases: Sequence[Case], catalog: str
+    options: IdentifierOptions, sensor: SensorDescription, cases: Sequence[BenchmarkFrame], catalog: str
 ) -> Iterator[Score]:
     identifier = make_identifier(options, sensor.camera, _catalog(catalog))
     for place, case in enumerate((cases[0], *cases)):  # the first is done twice: once to load code and tables
@@ -253,7 +253,7 @@ def _built_in(
 
 
 def _external(
-    options: IdentifierOptions, sensor: SensorDescription, cases: Sequence[Case], catalog: str
+    options: IdentifierOptions, sensor: SensorDescription, cases: Sequence[BenchmarkFrame], catalog: str
 ) -> Iterator[Score]:
     running = RunningIdentifier(plug_of(options, sensor), options.timeout_ms / 1000)
     try:
@@ -269,7 +269,7 @@ def _external(
         yield _score(None if attitude is None else attitude.boresight_icrs, case, elapsed_us)
 
 
-def _score(boresight_icrs: NDArray[np.float64] | None, case: Case, elapsed_us: float) -> Score:
+def _score(boresight_icrs: NDArray[np.float64] | None, case: BenchmarkFrame, elapsed_us: float) -> Score:
     if boresight_icrs is None:
         return Score("none", _NAN, elapsed_us)
     error_rad = 2 * math.asin(min(1.0, math.dist(boresight_icrs, case.boresight_icrs) / 2))

@@ -73,7 +73,7 @@ _SENSES: tuple[Literal["east", "west"], ...] = ("east", "west")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class SentAnswers:
     """What a sensor sent at instants (M,), RA, DE and roll (M, 3) or quaternions (M, 4), and what is true.
 
     ``true`` are rotations (M, 3, 3) from ICRS to the sensor with aberration left in, as a simple sensor answers, and
@@ -133,7 +133,7 @@ class ConventionSearch:
         return bool(same_roll or not self.roll_sent)
 
 
-def search_convention(evidence: Evidence) -> ConventionSearch | None:
+def search_convention(evidence: SentAnswers) -> ConventionSearch | None:
     """Try all discrete conventions; None of fewer than FEWEST answers."""
     if len(evidence.utc_ns) < FEWEST:
         return None
@@ -155,7 +155,7 @@ def search_convention(evidence: Evidence) -> ConventionSearch | None:
     )
 
 
-def _candidates(evidence: Evidence) -> Iterator[AttitudeConvention]:
+def _candidates(evidence: SentAnswers) -> Iterator[AttitudeConvention]:
     if evidence.is_quaternion:
         yield from _quaternion_candidates(evidence)
         return
@@ -167,7 +167,7 @@ def _candidates(evidence: Evidence) -> Iterator[AttitudeConvention]:
             yield AttitudeConvention(frame=frame, ra_unit=unit, roll_through=through, roll_zero_deg=zero_deg)
 
 
-def _quaternion_candidates(evidence: Evidence) -> Iterator[AttitudeConvention]:
+def _quaternion_candidates(evidence: SentAnswers) -> Iterator[AttitudeConvention]:
     """Of 6,912 conventions those that leave less than 2 deg in a few answers, else the best of each frame and order."""
     some = np.unique(np.linspace(0, len(evidence.utc_ns) - 1, _SCREENED).astype(int))
     near, nearest = False, []
@@ -182,7 +182,7 @@ def _quaternion_candidates(evidence: Evidence) -> Iterator[AttitudeConvention]:
         yield from nearest
 
 
-def _cosines(evidence: Evidence, some: NDArray[np.int64], base: AttitudeConvention) -> NDArray[np.float64]:
+def _cosines(evidence: SentAnswers, some: NDArray[np.int64], base: AttitudeConvention) -> NDArray[np.float64]:
     """Cosine (24, 24) of the greatest turn against the truth, by body axes and by reference axes, in some answers."""
     matrices = np.array(list(proper_axes().values()))
     stated = from_quaternions(evidence.sent[some], scalar=base.scalar, conjugate=base.conjugate)
@@ -197,7 +197,7 @@ def _with_axes(base: AttitudeConvention, place: list[int]) -> AttitudeConvention
     return replace(base, body_axes=words[place[0]], reference_axes=words[place[1]])
 
 
-def _fit(evidence: Evidence, convention: AttitudeConvention) -> ConventionFit:
+def _fit(evidence: SentAnswers, convention: AttitudeConvention) -> ConventionFit:
     """The misfit with the aberration that fits better."""
     misfits = [_misfit(evidence, convention, true) for true in (evidence.true, evidence.true_corrected)]
     size, uncertainty = min(misfits)
@@ -205,7 +205,7 @@ def _fit(evidence: Evidence, convention: AttitudeConvention) -> ConventionFit:
 
 
 def _aberration(
-    evidence: Evidence, convention: AttitudeConvention
+    evidence: SentAnswers, convention: AttitudeConvention
 ) -> Literal["corrected", "not corrected", "not told"]:
     left_in, taken_out = (
         size / uncertainty
@@ -220,7 +220,7 @@ def _aberration(
     return "not told"
 
 
-def _misfit(evidence: Evidence, convention: AttitudeConvention, true: NDArray[np.float64]) -> tuple[float, float]:
+def _misfit(evidence: SentAnswers, convention: AttitudeConvention, true: NDArray[np.float64]) -> tuple[float, float]:
     """Size and standard uncertainty of what a convention leaves, in arcsec."""
     read = read_quaternions if evidence.is_quaternion else read_angles
     measured = product(read(evidence.sent, convention), icrs_to_frame(convention.frame, evidence.utc_ns))
@@ -302,7 +302,7 @@ def session_convention(session: SessionData, seconds: float = SEARCHED_S) -> Con
     return None if found is None else search_convention(found)
 
 
-def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence | None:
+def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> SentAnswers | None:
     """The first answers beside the truth: what the stars of their panoramas show, or where the mount looked."""
     frames = session.frames.columns
     answers = session.sensor_attitudes.columns
@@ -323,7 +323,7 @@ def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence |
         OwnAnswerTruth(truth.truth, truth.mount, corrected, truth.field_sensor).expected(utc_ns)
         for corrected in (False, True)
     )
-    return Evidence(utc_ns, sent, left_in, taken_out, _mount_arcsec(session))
+    return SentAnswers(utc_ns, sent, left_in, taken_out, _mount_arcsec(session))
 
 
 def _confirmed(frames: Columns) -> NDArray[np.bool_]:
@@ -343,7 +343,7 @@ def _sent(answers: NDArray[np.void]) -> NDArray[np.float64]:
     return np.column_stack([answers[name] for name in names])
 
 
-def _by_stars(session: SessionData, rows: NDArray[np.int64], answers: NDArray[np.void]) -> Evidence:
+def _by_stars(session: SessionData, rows: NDArray[np.int64], answers: NDArray[np.void]) -> SentAnswers:
     frames = session.frames.columns.rows(rows)
     utc_ns = frames["utc_ns"]
     left_in = from_angles(frames["ra_deg"], frames["de_deg"], frames["roll_deg"])
@@ -354,7 +354,7 @@ def _by_stars(session: SessionData, rows: NDArray[np.int64], answers: NDArray[np
         mount = mount_of(product(left_in[middle], truth.icrs_to_horizon(int(utc_ns[middle])).T))
         of_both = [OwnAnswerTruth(truth, mount, corrected).shifts(utc_ns) for corrected in (True, False)]
         taken_out = product(of_both[0], of_both[1].transpose(0, 2, 1), left_in)
-    return Evidence(utc_ns, _sent(answers), left_in, taken_out, _BY_PANORAMAS_ARCSEC)
+    return SentAnswers(utc_ns, _sent(answers), left_in, taken_out, _BY_PANORAMAS_ARCSEC)
 
 
 def _mount_arcsec(session: SessionData) -> float:

@@ -26,7 +26,7 @@ _NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class SideBySide:
     """One subject of two sessions side by side, and what a difference may be without being a regression.
 
     ``pairs`` are the panoramas that are in both, or None of different ones. Which stars the sensor took for its own
@@ -41,13 +41,13 @@ class Compared:
     stars_are_known: bool = True
 
 
-CompareRows = Callable[[Compared], Iterator[ComparedRow]]
+CompareRows = Callable[[SideBySide], Iterator[ComparedRow]]
 
 
 def along(axis: Axis) -> CompareRows:
     """Mean absolute error, noise and bias along an axis."""
 
-    def rows(both: Compared) -> Iterator[ComparedRow]:
+    def rows(both: SideBySide) -> Iterator[ComparedRow]:
         one, two = (ComparedAxis.from_subject(subject, axis) for subject in both.subjects)
         # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
         growth = 1.0 if both.pairs is not None else one.growth(two)
@@ -66,12 +66,12 @@ def along(axis: Axis) -> CompareRows:
     return rows
 
 
-def not_compared(_: Compared) -> Iterator[ComparedRow]:
+def not_compared(_: SideBySide) -> Iterator[ComparedRow]:
     """Of a row that others stand for, or that says more of a host than of a sensor."""
     return iter(())
 
 
-def good_answers(both: Compared) -> Iterator[ComparedRow]:
+def good_answers(both: SideBySide) -> Iterator[ComparedRow]:
     """The share of the expected frames with a good answer."""
     a, b = (subject.statistics.available for subject in both.subjects)
     missed = [subject.missed for subject in both.subjects]
@@ -82,7 +82,7 @@ def good_answers(both: Compared) -> Iterator[ComparedRow]:
     )
 
 
-def false_answers(both: Compared) -> Iterator[ComparedRow]:
+def false_answers(both: SideBySide) -> Iterator[ComparedRow]:
     """False answers: each one more counts."""
     a, b = (subject.statistics.false_answers for subject in both.subjects)
     false = [subject.false for subject in both.subjects]
@@ -90,7 +90,7 @@ def false_answers(both: Compared) -> Iterator[ComparedRow]:
     yield ComparedRow("false answers", "", a.count, b.count, b.count, b.count - a.count, sigmas, 0.0)
 
 
-def slow_answers(both: Compared) -> Iterator[ComparedRow]:
+def slow_answers(both: SideBySide) -> Iterator[ComparedRow]:
     """Answers that took longer than the limit by the clock of who gave them: by this host's they say nothing."""
     if not all(subject.statistics.time_is_stated for subject in both.subjects):
         return
@@ -114,14 +114,14 @@ class Bounded:
         return (self.upper - self.lower) / 2 / COVERAGE_FACTOR
 
 
-def bounded_row(name: str, unit: str, one: Bounded, two: Bounded, *, both: Compared, allowed: float) -> ComparedRow:
+def bounded_row(name: str, unit: str, one: Bounded, two: Bounded, *, both: SideBySide, allowed: float) -> ComparedRow:
     """Any value that has bounds; those of the same panoramas are not independent, so that nothing follows from them."""
     error = math.hypot(one.standard, two.standard) if both.pairs is None else _NAN
     difference = two.value - one.value
     return ComparedRow(name, unit, one.value, two.value, two.value, difference, sigmas_of(difference, error), allowed)
 
 
-def _paired_change(axis: Axis, both: Compared) -> Change | None:
+def _paired_change(axis: Axis, both: SideBySide) -> Change | None:
     """None of different panoramas, or where none of them was answered well in both sessions."""
     if both.pairs is None:
         return None

@@ -39,8 +39,8 @@ from gse.values.text import percent
 from gse.verdict.compared_axis import ComparedRow as ComparedRow
 from gse.verdict.compared_rows import (
     Bounded,
-    Compared,
     CompareRows,
+    SideBySide,
     along,
     bounded_row,
     false_answers,
@@ -296,7 +296,7 @@ class Requirement:
             return None
         return RowPlan(self.name, self.limit_of(session.limits), self.unit, session.seen[self.name])
 
-    def compare(self, both: Compared) -> Iterator[ComparedRow]:
+    def compare(self, both: SideBySide) -> Iterator[ComparedRow]:
         """Its rows of a comparison of two sessions."""
         if self.compared is not None:
             yield from self.compared(both)

@@ -15,7 +15,7 @@ from gse.statistics.session_statistics import Statistics
 from gse.values.axis import OF_SENSOR
 from gse.values.instant import NS_PER_S
 from gse.verdict.compared_axis import ComparedRow, ComparedSession, ComparedSubject, Pairs, sigmas_of
-from gse.verdict.compared_rows import Compared
+from gse.verdict.compared_rows import SideBySide
 from gse.verdict.requirements import REQUIREMENTS
 
 PAIRED_SHARE = 0.9
@@ -69,7 +69,7 @@ def session_comparison(
     pairs = _pairs(first.frames.columns, second.frames.columns)
 
     def judged(subjects: _Both, *, stars_are_known: bool = True) -> Iterator[ComparedRow]:
-        both = Compared(subjects, pairs, first.station.limits, allowed_share, bias_is_regression, stars_are_known)
+        both = SideBySide(subjects, pairs, first.station.limits, allowed_share, bias_is_regression, stars_are_known)
         for requirement in REQUIREMENTS:
             yield from requirement.compare(both)
 

@@ -16,7 +16,7 @@ from gse.station.results import Subject, Verdict
 from gse.statistics.decision import Outcome
 from gse.statistics.sensor_convention import (
     FEWEST,
-    Evidence,
+    SentAnswers,
     _candidates,
     _cosines,
     _mean_and_change,
@@ -55,7 +55,7 @@ def expected(aberration):
 
 
 def evidence_of(stated):
-    return Evidence(UTC_NS, stated, expected("not corrected"), expected("corrected"), 1.0)
+    return SentAnswers(UTC_NS, stated, expected("not corrected"), expected("corrected"), 1.0)
 
 
 def sent(convention, state, *, body_arcsec=(0.0, 0.0, 0.0), noise_arcsec=5.0):
@@ -198,7 +198,7 @@ def in_2001(body_arcsec):
     truth = SiderealTruth(STATION.site, EarthOrientation.from_disk(int(utc_ns[0])))
     left_in, taken_out = (OwnAnswerTruth(truth, MOUNT, corrected).expected(utc_ns) for corrected in (False, True))
     body = Rotation.from_rotvec(np.array([body_arcsec, 0, 0]) * ARCSEC_RAD).as_matrix()
-    return Evidence(utc_ns, state_angles(body @ left_in, AttitudeConvention()), left_in, taken_out, 1.0)
+    return SentAnswers(utc_ns, state_angles(body @ left_in, AttitudeConvention()), left_in, taken_out, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -381,7 +381,7 @@ def test_each_pair_of_axes_has_the_cosine_of_its_greatest_turn_in_a_few_answers(
     rng, words = np.random.default_rng(7), list(proper_axes())
     quaternions = Rotation.random(5, rng=rng).as_quat()
     true = Rotation.random(5, rng=rng).as_matrix()
-    evidence, some = Evidence(UTC_NS[:5], quaternions, true, true, 1.0), np.array([0, 2, 4])
+    evidence, some = SentAnswers(UTC_NS[:5], quaternions, true, true, 1.0), np.array([0, 2, 4])
     found = _cosines(evidence, some, AttitudeConvention(frame="date", scalar="first"))
     assert found.shape == (24, 24)
     to_date = icrs_to_frame("date", UTC_NS[some])

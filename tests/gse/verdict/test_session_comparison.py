@@ -22,7 +22,7 @@ from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
 from gse.values.star_influence import attitude_operators
 from gse.verdict.compared_axis import ComparedRow
-from gse.verdict.compared_rows import Compared, _more_often, _paired_change, false_answers, good_answers, slow_answers
+from gse.verdict.compared_rows import SideBySide, _more_often, _paired_change, false_answers, good_answers, slow_answers
 from gse.verdict.session_comparison import SessionComparison, _judged, _pairs, _time, session_comparison
 
 night = functools.cache(session)
@@ -389,7 +389,7 @@ def test_panoramas_of_other_numbers_are_not_the_same():
 
 
 def compared(one, two, pairs):
-    return Compared((one, two), pairs, Limits(), 0.25, bias_is_regression=False)
+    return SideBySide((one, two), pairs, Limits(), 0.25, bias_is_regression=False)
 
 
 def subject_of(errors, good):
