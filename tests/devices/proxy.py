@@ -5,6 +5,8 @@ import socket
 import ssl
 import threading
 
+from devices.patience import PATIENCE_S
+
 
 class Proxy:
     """Between a client and a server on this computer; a context manager.
@@ -21,7 +23,8 @@ class Proxy:
         self.port = self._listening.getsockname()[1]
         self._clients: list[socket.socket] = []
         self._servers: list[socket.socket] = []
-        threading.Thread(target=self._accept, daemon=True).start()
+        self._accepting = threading.Thread(target=self._accept, daemon=True)
+        self._accepting.start()
 
     def say(self, data: bytes, timeout_s: float | None = None) -> int:
         """Send bytes to the latest client; how many it took within this time."""
@@ -67,5 +70,8 @@ class Proxy:
         return self
 
     def __exit__(self, *error: object) -> None:
+        with contextlib.suppress(OSError):
+            self._listening.shutdown(socket.SHUT_RDWR)  # ends the wait for a client: none may come once all are closed
+        self._accepting.join(PATIENCE_S)
         for connection in (self._listening, *self._clients, *self._servers):
             connection.close()
