@@ -25,7 +25,7 @@ import numpy as np
 from astropy.io import fits
 from PIL import Image
 
-from gse.cli.examples import EXAMPLES
+from gse.cli.commands import EXAMPLES
 
 ROOT = Path(__file__).resolve().parents[1]
 GSE = str(Path(sys.executable).with_name("gse"))

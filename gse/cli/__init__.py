@@ -22,7 +22,7 @@ import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import is_plain, plain_line, plain_lines
-from gse.cli.examples import epilog
+from gse.cli.commands import COMMANDS, epilog
 from gse.cli.folding import folded
 from gse.cli.retired import retired
 from gse.errors import GseError
@@ -48,46 +48,15 @@ _GIVE_ROOM = "gse takes up to 400 MiB, and 1.2 GB of addresses: raise its limit,
 _NO_ROOM = "failed to map segment"
 """The system's words where there is no room for a library."""
 
-_COMMANDS = {
-    "run": "test a sensor: receive, record, identify, compare, judge",
-    "status": "show a running session, or end it with --stop",
-    "note": "record a line of text in a running session",
-    "replay": "do the same from a session or a raw capture",
-    "report": "write the report of a session",
-    "why": "show one page on a session: what happened, why, what next",
-    "view": "show a session in rerun",
-    "identify": "identify one panorama table: stars, RA, DE, roll",
-    "extract": "extract a panorama table from an image, as the sensor does",
-    "evaluate": "test identifiers by Monte-Carlo over the whole sky",
-    "simulate": "write a simulated session",
-    "emulate": "simulate a sensor on a pseudo-terminal or a TCP port",
-    "calibrate": "fit focal length, principal point, distortion, mirror and hot pixels",
-    "align": "fit the direction of the mount",
-    "compare": "compare sessions, or one session under two identifiers",
-    "conventions": "name the convention of the sensor's own answers",
-    "session": "show, verify, recover, trim or export a session",
-    "decode": "list the frames and the discarded bytes of a session or raw capture",
-    "config": "write, check or show a station file",
-    "catalog": "show the star catalogue in use",
-    "ports": "list the serial ports and the programs that hold them",
-    "preflight": "check that everything is ready for a session",
-    "sensor": "send a command to the sensor",
-    "plan": "show how much longer a session must be for a verdict",
-    "selfcheck": "check the installation with sessions of known errors",
-    "campaign": "judge many sessions on a cluster, report on them, query them",
-    "ci": "replay a folder of sessions and compare their reports or answers",
-    "completion": "print the script that completes commands in a shell",
-}
-
 
 class _Commands(click.Group):
     """Commands by name, imported one at a time: ``gse --help`` must not wait for rerun, numba and astropy."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
+        if cmd_name not in COMMANDS:
             return None
         module = importlib.import_module(f"gse.cli.{cmd_name}")
         command = module.command
@@ -101,8 +70,8 @@ class _Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] not in _COMMANDS and not args[0].startswith("-"):
-            near = difflib.get_close_matches(args[0], _COMMANDS, n=1)
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
             hint = f"Did you mean 'gse {near[0]}'?" if near else "'gse --help' lists the commands."
             raise click.UsageError(f"No such command {args[0]!r:.60}. {hint}", ctx)
         return super().resolve_command(ctx, args)
@@ -117,7 +86,7 @@ class _Commands(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @contextmanager

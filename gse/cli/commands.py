@@ -1,4 +1,38 @@
-"""Two examples at the end of the help of each command, and of each below it."""
+"""The commands, in the order of ``gse --help``: what each does, with the two examples that its help ends with.
+
+A command is a module of its own beside this one; a new one gets a line in COMMANDS and one in EXAMPLES.
+"""
+
+COMMANDS = {
+    "run": "test a sensor: receive, record, identify, compare, judge",
+    "status": "show a running session, or end it with --stop",
+    "note": "record a line of text in a running session",
+    "replay": "do the same from a session or a raw capture",
+    "report": "write the report of a session",
+    "why": "show one page on a session: what happened, why, what next",
+    "view": "show a session in rerun",
+    "identify": "identify one panorama table: stars, RA, DE, roll",
+    "extract": "extract a panorama table from an image, as the sensor does",
+    "evaluate": "test identifiers by Monte-Carlo over the whole sky",
+    "simulate": "write a simulated session",
+    "emulate": "simulate a sensor on a pseudo-terminal or a TCP port",
+    "calibrate": "fit focal length, principal point, distortion, mirror and hot pixels",
+    "align": "fit the direction of the mount",
+    "compare": "compare sessions, or one session under two identifiers",
+    "conventions": "name the convention of the sensor's own answers",
+    "session": "show, verify, recover, trim or export a session",
+    "decode": "list the frames and the discarded bytes of a session or raw capture",
+    "config": "write, check or show a station file",
+    "catalog": "show the star catalogue in use",
+    "ports": "list the serial ports and the programs that hold them",
+    "preflight": "check that everything is ready for a session",
+    "sensor": "send a command to the sensor",
+    "plan": "show how much longer a session must be for a verdict",
+    "selfcheck": "check the installation with sessions of known errors",
+    "campaign": "judge many sessions on a cluster, report on them, query them",
+    "ci": "replay a folder of sessions and compare their reports or answers",
+    "completion": "print the script that completes commands in a shell",
+}
 
 EXAMPLES = {
     "gse": ("gse run", "gse run --help"),
