@@ -96,9 +96,9 @@ class MessageDescription(DescriptionPart):
 
 
 class FramingDescription(DescriptionPart):
-    """How frames are told apart: by a sync word before each, or by SLIP's END bytes around each (RFC 1055)."""
+    """How frames are told apart: by a sync word before each, or by a byte at the end of each (protocols.delimiter)."""
 
-    kind: Literal["sync", "slip"]
+    kind: str
     sync_word: Annotated[str, StringConstraints(strict=True, pattern=r"^([0-9A-Fa-f]{2} ?){2,8}$")] | None = None
 
 

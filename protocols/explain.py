@@ -2,16 +2,18 @@
 
 from protocols.frame import Discard
 from protocols.layout import FrameLayout
-from protocols.slip import END, unpacked
 
 
 def explain(layout: FrameLayout, discard: Discard) -> str:
     """One line: what was expected and what came, as far as the discarded bytes show it."""
     if discard.reason == "no sync":
         return f"no frame begins in these {len(discard.data)} bytes"
-    content = _content(layout, discard.data)
-    if content is None:
-        return "an ESC byte is followed by neither DC nor DD"
+    content = discard.data[len(layout.sync_word) :]
+    if layout.delimiter:
+        unpacked = layout.delimiter.unpacked(content.strip(layout.delimiter.end))
+        if unpacked is None:
+            return layout.delimiter.fault
+        content = unpacked
     if len(content) < layout.header.size:
         return f"{len(content)} bytes of a header of {layout.header.size}"
     code, _, length, sequence = layout.header.read(content, 0)
@@ -33,11 +35,6 @@ def explain(layout: FrameLayout, discard: Discard) -> str:
             return f"{name}: {layout.checksum.name} is wrong; the next sync word comes {size - there} bytes too early"
         case _:
             return f"{name}: the stream ends {size - there} bytes before the frame does"
-
-
-def _content(layout: FrameLayout, data: bytes) -> bytes | None:
-    """Header, payload and checksum, as far as they are there; None where SLIP's escapes are wrong."""
-    return data[len(layout.sync_word) :] if layout.sync_word else unpacked(data.strip(END))
 
 
 def _checksums(layout: FrameLayout, content: bytes, size: int) -> str:

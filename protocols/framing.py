@@ -1,8 +1,8 @@
 """A sans-I/O frame decoder: bytes in, frames and discards out, every byte in exactly one of them."""
 
+from protocols.delimited import DelimitedScanner
 from protocols.frame import Discard, Frame
 from protocols.protocol import Protocol
-from protocols.slip import SlipScanner
 from protocols.syncword import SyncWordScanner
 
 
@@ -19,7 +19,7 @@ class FrameDecoder:
         self.bytes_framed = 0
         self.bytes_discarded = 0
         layout = protocol.frame_layout if from_sensor is None else protocol.one_way_layout(from_sensor=from_sensor)
-        self._scanner = SyncWordScanner(layout) if layout.sync_word else SlipScanner(layout)
+        self._scanner = DelimitedScanner(layout, layout.delimiter) if layout.delimiter else SyncWordScanner(layout)
 
     @property
     def pending(self) -> int:

@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocols.checksum import CHECKSUMS, Checksum
-from protocols.description import ChecksumDescription, Description, FieldDescription, MessageDescription
+from protocols.delimiter import DELIMITERS, Delimiter
+from protocols.description import (
+    ChecksumDescription,
+    Description,
+    FieldDescription,
+    FramingDescription,
+    MessageDescription,
+)
 from protocols.messages import AttitudeMessage
 from protocols.reading import DescriptionSource, Path
 from protocols.record import FieldLayout, Placed, check_words, compile_record, order_of, place, width
@@ -18,6 +25,8 @@ from protocols.vocabulary import FORMS, HEADER_FIELDS, QUATERNION, SPARE, Form, 
 _READ = ("type", "flags", "length", "sequence")
 _ABSENT = (None, 0, None, -1)
 """What a header without one of these fields says."""
+_SYNC = "sync"
+"""The framing without a delimiter."""
 _CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 
@@ -180,11 +189,12 @@ class MessageLayout:
 class FrameLayout:
     """All that framing needs to know: [sync word] header payload checksum.
 
-    ``sync_word`` is empty where SLIP's END bytes tell frames apart; ``names`` and ``sizes`` are the message and the
+    ``sync_word`` is empty where a ``delimiter`` tells frames apart; ``names`` and ``sizes`` are the message and the
     payload length of each type code.
     """
 
     sync_word: bytes
+    delimiter: Delimiter | None
     header: HeaderLayout
     checksum: Checksum
     checksum_little: bool
@@ -194,12 +204,12 @@ class FrameLayout:
 
     @property
     def overhead(self) -> int:
-        """Bytes of a frame that are not payload, SLIP's END and ESC bytes not counted."""
+        """Bytes of a frame that are not payload, as they are before a delimiter packs them."""
         return len(self.sync_word) + self.header.size + self.checksum.size
 
     @property
     def largest(self) -> int:
-        """Bytes of the largest frame, SLIP's END and ESC bytes not counted."""
+        """Bytes of the largest frame, as they are before a delimiter packs them."""
         return self.overhead + max(self.sizes.values(), default=0)
 
     def checksum_of(self, frame: bytes) -> bytes:
@@ -215,15 +225,21 @@ class FrameLayout:
 def compile_frame(description: Description, source: DescriptionSource) -> FrameLayout:
     """Framing, header and checksum of a description."""
     framing, checksum = description.framing, description.checksum
-    if (framing.kind == "sync") != (framing.sync_word is not None):
-        wanted = "is missing" if framing.kind == "sync" else "SLIP has none; its END byte C0 tells frames apart"
-        raise source.error(wanted, ("framing", "sync_word"))
-    if checksum.covers_sync_word and framing.kind == "slip":
-        raise source.error("SLIP has no sync word", ("checksum", "covers_sync_word"))
+    delimiter = _delimiter(framing, source)
+    if delimiter and framing.sync_word is not None:
+        byte = delimiter.end.hex().upper()
+        raise source.error(
+            f"{delimiter.name} has none; its END byte {byte} tells frames apart", ("framing", "sync_word")
+        )
+    if delimiter is None and framing.sync_word is None:
+        raise source.error("is missing", ("framing", "sync_word"))
+    if checksum.covers_sync_word and delimiter:
+        raise source.error(f"{delimiter.name} has no sync word", ("checksum", "covers_sync_word"))
     header = compile_header(description.header, order_of(description.byte_order), source)
     _check_codes(description, header, source)
     return FrameLayout(
         sync_word=bytes.fromhex(framing.sync_word or ""),
+        delimiter=delimiter,
         header=header,
         checksum=_checksum(checksum, source),
         checksum_little=(checksum.byte_order or description.byte_order) == "little",
@@ -238,6 +254,14 @@ def compile_messages(description: Description, source: DescriptionSource) -> dic
     return {
         name: _compile_message(name, message, description, source) for name, message in description.messages.items()
     }
+
+
+def _delimiter(description: FramingDescription, source: DescriptionSource) -> Delimiter | None:
+    """What ends each frame; None where a sync word begins it."""
+    if description.kind not in (_SYNC, *DELIMITERS):
+        known = ", ".join((_SYNC, *DELIMITERS))
+        raise source.error(f"is {description.kind!r:.60}: expected one of {known}", ("framing", "kind"))
+    return DELIMITERS.get(description.kind)
 
 
 def _checksum(description: ChecksumDescription, source: DescriptionSource) -> Checksum:

@@ -18,7 +18,6 @@ from protocols.frame import Frame
 from protocols.layout import FrameLayout, compile_frame, compile_messages
 from protocols.messages import Message, Other, PanoramaColumns
 from protocols.reading import MAX_TEXT, DescriptionSource, read_document, validate
-from protocols.slip import packed
 from protocols.vocabulary import NAME_OF
 
 
@@ -117,7 +116,7 @@ class Protocol:
         header = frames.header.write(layout.code, flags, layout.size, sequence)
         content = frames.sync_word + header + payload
         content += frames.checksum_of(content)
-        return content if frames.sync_word else packed(content)
+        return frames.delimiter.packed(content) if frames.delimiter else content
 
 
 @functools.lru_cache(maxsize=16)

@@ -1,8 +1,9 @@
 """An unknown capture looked at: which framings, lengths and checksums its bytes fit.
 
-Frames are cut at a sync word, found as the most frequent sequences of 2 and 4 bytes, or at the END bytes of SLIP. Each
-checksum that a description can name is tried on them, in both byte orders, with and without the sync word. A 16-bit
-checksum is right by chance once in 65,536 frames; three frames of hundreds are no fit, so shares are given.
+Frames are cut at a sync word, found as the most frequent sequences of 2 and 4 bytes, or at the END bytes of SLIP and of
+each other delimiter. Each checksum that a description can name is tried on them, in both byte orders, with and without
+the sync word. A 16-bit checksum is right by chance once in 65,536 frames; three frames of hundreds are no fit, so
+shares are given.
 """
 
 from collections import Counter
@@ -17,8 +18,8 @@ from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, RecordedMessage
 from protocols import built_in_names, load_protocol
 from protocols.checksum import CHECKSUMS
+from protocols.delimiter import DELIMITERS
 from protocols.framing import FrameDecoder
-from protocols.slip import END, unpacked
 
 SCHEMA = "gse.decode.try/1"
 MOST_BYTES = 4 << 20
@@ -117,8 +118,9 @@ def _received(path: Path) -> bytes:
 
 
 def _fits(data: bytes) -> Iterator[FramingFit]:
-    slip = [frame for part in data.split(END) if part and (frame := unpacked(part)) is not None]
-    yield from _checked("slip", b"", slip)
+    for name, delimiter in DELIMITERS.items():
+        packets = filter(None, data.split(delimiter.end))
+        yield from _checked(name, b"", [frame for one in packets if (frame := delimiter.unpacked(one)) is not None])
     for word in _sync_words(data):
         parts = data.split(word)[1:-1]
         yield from _checked(f"sync word {word.hex().upper()}", word, parts)

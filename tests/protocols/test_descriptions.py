@@ -117,7 +117,7 @@ WRONG = {
     "a sync word of one byte": (changed('"1ACFFC1D"', '"1A"'), "framing.sync_word", "2 to 8 bytes"),
     "no sync word": (changed(', sync_word: "1ACFFC1D"', ""), "framing.sync_word", "is missing"),
     "a sync word with SLIP": (changed("kind: sync", "kind: slip"), "framing.sync_word", "SLIP has none"),
-    "an unknown framing": (changed("kind: sync", "kind: cobs"), "framing.kind", "'cobs'"),
+    "an unknown framing": (changed("kind: sync", "kind: cobs"), "framing.kind", "'cobs': expected one of sync, slip"),
     "an unknown byte order": (changed("order: big", "order: middle"), "byte_order", "'big' or 'little'"),
     "an unknown direction": (changed("from sensor", "up"), "PANORAMA.direction", "'up'"),
     "another version of the language": (changed("version: 1\n", "version: 2\n"), "version", "is 2"),

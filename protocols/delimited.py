@@ -1,12 +1,13 @@
-"""Frames between SLIP's END bytes (RFC 1055), found in a stream of bytes.
+"""Frames between END bytes, such as SLIP's, found in a stream of bytes.
 
-    C0 | header, payload and checksum, with C0 sent as DB DC and DB sent as DB DD | C0
+    END | header, payload and checksum, packed | END
 
 A packet is what stands between two END bytes. The END after a packet belongs to it, and so does one END before it,
 where there is one; idle ENDs beyond that are `no sync`, as are bytes before the first END and a packet that is longer
 than the longest frame can be.
 """
 
+from protocols.delimiter import Delimiter
 from protocols.frame import (
     BAD_CRC,
     BAD_LENGTH,
@@ -21,30 +22,13 @@ from protocols.frame import (
 )
 from protocols.layout import FrameLayout
 
-END = b"\xc0"
-_ESCAPE = b"\xdb"
-_ESCAPED_END = b"\xdb\xdc"
-_ESCAPED_ESCAPE = b"\xdb\xdd"
 
-
-def packed(content: bytes) -> bytes:
-    """The content of a frame as SLIP sends it, an END on both sides."""
-    return END + content.replace(_ESCAPE, _ESCAPED_ESCAPE).replace(END, _ESCAPED_END) + END
-
-
-def unpacked(packet: bytes) -> bytes | None:
-    """The content between two ENDs; None if an ESC byte is not followed as it must be."""
-    escapes = packet.count(_ESCAPE)
-    if escapes != packet.count(_ESCAPED_END) + packet.count(_ESCAPED_ESCAPE):
-        return None
-    return packet.replace(_ESCAPED_END, END).replace(_ESCAPED_ESCAPE, _ESCAPE) if escapes else packet
-
-
-class SlipScanner:
+class DelimitedScanner:
     """Holds at most one incomplete packet, or one incomplete discard."""
 
-    def __init__(self, layout: FrameLayout) -> None:
+    def __init__(self, layout: FrameLayout, delimiter: Delimiter) -> None:
         self._layout = layout
+        self._delimiter = delimiter
         self._largest = 2 * layout.largest
         self._buffer = bytearray()
         self._start = 0
@@ -71,8 +55,8 @@ class SlipScanner:
         """Frames and discards that these bytes complete."""
         self._buffer += data
         out: list[Frame | Discard] = []
-        at = 0
-        while (end := self._buffer.find(END, self._scan)) >= 0:
+        at, mark = 0, self._delimiter.end
+        while (end := self._buffer.find(mark, self._scan)) >= 0:
             self._scan = end + 1
             at = self._close(out, at, end)
         self._scan = len(self._buffer)
@@ -143,7 +127,7 @@ class SlipScanner:
         """The frame of the packet from ``at`` to ``end``, or why there is none; ``start`` is its opening END."""
         layout = self._layout
         packet = bytes(self._buffer[at:end])
-        content = unpacked(packet)
+        content = self._delimiter.unpacked(packet)
         shown = packet if content is None else content
         if len(shown) < layout.header.size:
             return BAD_LENGTH
