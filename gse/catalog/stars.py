@@ -89,6 +89,10 @@ class StarCatalog:
             neighbours=None,
         )
 
+    def brightest_first(self) -> Self:
+        """The same stars by magnitude: only a flight catalogue has another order."""
+        return self.rows(np.argsort(self.magnitude, kind="stable")) if self.is_flight else self
+
     def at_epoch(self, jyear: float) -> Self:
         """The catalogue with the stars where they stand in a Julian year; itself where no proper motions are known.
 

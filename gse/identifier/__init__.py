@@ -4,13 +4,13 @@ Answers have the shapes of ``result``. May not import truth, station or the simu
 time nor where the sensor should look.
 """
 
-import math
-from typing import Protocol, assert_never
+import importlib
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
+from gse.catalog import StarCatalog
 from gse.errors import UsageError
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.values.camera import Camera
@@ -48,32 +48,10 @@ class Identifier(Protocol):
 def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> Identifier:
     """The identifier that the options name, with its mission catalogue chosen from ``source`` for the camera.
 
-    The algorithms are imported here, one at a time: with their compiled parts they take a second.
+    ``made`` of the module of that name does it. The module is imported here: compiled parts take a second.
     """
-    if source.is_flight and options.algorithm != "neighbour":  # all others take the order of brightness for granted
-        source = source.rows(np.argsort(source.magnitude, kind="stable"))
-    if options.algorithm == "robust":
-        from gse.identifier.robust import RobustIdentifier
-
-        return RobustIdentifier(camera, source)
     if options.algorithm == "external":
         raise UsageError("an external identifier works in a session or on panoramas; name a built-in one here")
-    mission = mission_catalog(source, camera, options.catalog_stars)
-    if options.algorithm == "neighbour":
-        from gse.identifier.neighbour import NeighbourIdentifier
-
-        return NeighbourIdentifier(mission, camera, options)
-    brightest = mission
-    if options.magnitude_limit is not None:
-        brightest = mission = mission.rows(np.flatnonzero(mission.magnitude <= options.magnitude_limit))
-    if not mission.is_flight:
-        brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
-    if options.algorithm == "pivot":
-        from gse.identifier.pivot import PivotIdentifier
-
-        return PivotIdentifier.for_camera(brightest, camera, options)
-    if options.algorithm == "match-group":
-        from gse.identifier.match_group import MatchGroupIdentifier
-
-        return MatchGroupIdentifier.for_camera(brightest, camera, options)
-    assert_never(options.algorithm)
+    module = importlib.import_module(f"gse.identifier.{options.algorithm.replace('-', '_')}")
+    identifier: Identifier = module.made(options, camera, source)
+    return identifier

@@ -5,8 +5,10 @@ group is given the zero point that suits it best, which makes the gate a little 
 """
 
 from gse.catalog import StarCatalog
-from gse.identifier.pivot import PivotIdentifier
+from gse.identifier.pivot import PivotIdentifier, brightest_stars
 from gse.identifier.pivot_search import PIVOT_MEMBERS
+from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
 
 MAGNITUDE_GATE = 1.0
 """Of the gates from 0.5 to 1.5 mag this one comes nearest to the curve of the pivot paper, figure 14."""
@@ -34,3 +36,8 @@ class MatchGroupIdentifier(PivotIdentifier):
         self._gates = self._gates._replace(
             magnitude=MAGNITUDE_GATE, zero_point=float("nan") if zero_point is None else zero_point
         )
+
+
+def made(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> MatchGroupIdentifier:
+    """The identifier with the mission catalogue of pivots."""
+    return MatchGroupIdentifier.for_camera(brightest_stars(options, camera, source), camera, options)

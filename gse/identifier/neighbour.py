@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog import StarCatalog
+from gse.catalog import StarCatalog, mission_catalog
 from gse.identifier.acceptance import RandomSky, misfit, wahba_residual_rad
 from gse.identifier.input_checks import distinct_objects, refusals
 from gse.identifier.neighbour_level_1 import Blocks, blocks_of
@@ -186,3 +186,8 @@ class NeighbourIdentifier:
             reached = f"no catalogue star reached a fit of {self._limits.min_fit}"
             return Unidentified(Reason.NO_MATCH, f"{reached} with any of {alphas} alpha star(s)")
         return misfit(answer, directions, self.catalog.icrs, float(found.rms_rad[k]), self._tolerance_rad)
+
+
+def made(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> NeighbourIdentifier:
+    """The identifier with its mission catalogue: a flight catalogue in its own order."""
+    return NeighbourIdentifier(mission_catalog(source, camera, options.catalog_stars), camera, options)

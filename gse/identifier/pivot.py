@@ -24,7 +24,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog import StarCatalog
+from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.consistency import Separations, separations
 from gse.identifier.input_checks import distinct_objects, refusal
@@ -204,3 +204,18 @@ class PivotIdentifier:
         return Unidentified(
             Reason.NO_MATCH, f"none of {len(brightness)} objects is the pivot of a group in the catalogue"
         )
+
+
+def made(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> PivotIdentifier:
+    """The identifier with its mission catalogue."""
+    return PivotIdentifier.for_camera(brightest_stars(options, camera, source), camera, options)
+
+
+def brightest_stars(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> StarCatalog:
+    """The mission catalogue of pivots: the brightest stars of each field (pivot paper, section 3)."""
+    mission = mission_catalog(source.brightest_first(), camera, options.catalog_stars)
+    if options.magnitude_limit is not None:
+        mission = mission.rows(np.flatnonzero(mission.magnitude <= options.magnitude_limit))
+    return (
+        mission if mission.is_flight else brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
+    )

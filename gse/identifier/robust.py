@@ -60,6 +60,7 @@ from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
 from gse.identifier.tangent_plane import outside_fields
 from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
 from gse.values.panorama import Parts
 
 _FEWEST_OBJECTS = 3
@@ -177,6 +178,11 @@ class RobustIdentifier:
             self._sky, objects.directions_sensor, objects.brightness, objects.parts.first, self._plan, self._noise
         )
         return _believed(evidence, mirrored, Parts(ends), found, stars, objects.parts.counts)
+
+
+def made(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> RobustIdentifier:
+    """The identifier as it is under test: it has no options."""
+    return RobustIdentifier(camera, source.brightest_first())
 
 
 def stars_looked_at(camera: Camera, field_of_view_deg: float | None = None) -> int:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from annotated_types import Interval, Len
 
 Algorithm = Literal["neighbour", "pivot", "match-group", "robust", "external"]
+"""A built-in one is a module of gse.identifier of that name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
