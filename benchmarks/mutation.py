@@ -55,17 +55,16 @@ class Room:
     tests: tuple[str, ...]
 
 
-JUDGEMENT = tuple(f"tests/gse/{room}" for room in ("assessment", "diagnosis", "budget", "statistics"))
+JUDGEMENT = tuple(f"tests/gse/{room}" for room in ("verdict", "diagnosis", "statistics"))
 """One verdict: the tests of each of these rooms see what the others do."""
 
 ROOMS = {
-    "assessment": Room(("gse/verdict/*.py",), (*JUDGEMENT, "tests/gse/report")),
+    "verdict": Room(("gse/verdict/*.py",), (*JUDGEMENT, "tests/gse/report")),
     "diagnosis": Room(("gse/diagnosis/*.py",), JUDGEMENT),
-    "budget": Room(("gse/statistics/*.py",), JUDGEMENT),
     "statistics": Room(("gse/statistics/*.py",), (*JUDGEMENT, "tests/gse/report")),
     "station": Room(("gse/station/*.py",), ("tests/gse/station", "tests/gse/sessions", *JUDGEMENT)),
     "truth": Room(("gse/truth/*.py",), ("tests/gse/truth",)),
-    "calibration": Room(("gse/imaging/*.py",), ("tests/gse/calibration",)),
+    "imaging": Room(("gse/imaging/*.py",), ("tests/gse/imaging",)),
     "identifier": Room(
         (
             "gse/identifier/acceptance.py",
