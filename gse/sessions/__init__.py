@@ -1,4 +1,4 @@
 """Sources of a session (live, replay, commands) and products of recorded ones (export, golden reports).
 
-Only cli may import it.
+Only cli, api and campaign may import it.
 """
