@@ -2,12 +2,10 @@
 
 import atexit
 import gc
-import io
 import os
 import signal
 import sys
 import warnings
-from typing import Any
 
 _EXIT_USAGE, _EXIT_INTERRUPTED = 2, 130
 """Exit codes of gse.cli; importing them from there would take numpy and pydantic."""
@@ -24,18 +22,14 @@ def main() -> None:
     if sys.version_info < _OLDEST_PYTHON:  # before anything of ours is imported that such a Python cannot read
         sys.stderr.write(f"gse: Python 3.11 or newer is needed; this is {sys.version.split()[0]}\n")
         sys.exit(_EXIT_USAGE)
-    from gse.process import sign_of_life
+    from gse.process import terminal
 
     gc.set_threshold(300_000)  # new objects between searches for garbage; with 700, a replay takes 6 to 20 % longer
     sys.setswitchinterval(_TURN_S)
     _share_one_allocator()
     _leave_warnings_to_developers()
     atexit.register(_leave_garbage)
-    _fill_standard_descriptors()
-    sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
-    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
-    sys.stderr = _talk_that_never_fails()
-    sign_of_life.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
+    terminal.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))
@@ -48,7 +42,7 @@ def main() -> None:
     try:
         command_line()
     finally:
-        sign_of_life.stop()
+        terminal.end_sign()
 
 
 def _share_one_allocator() -> None:
@@ -80,33 +74,6 @@ def _leave_garbage() -> None:
     """
     if "duckdb" not in sys.modules:
         gc.freeze()
-
-
-def _fill_standard_descriptors() -> None:
-    """Open what was closed (``gse run 2>&-``), lest a session file gets its number and is written into as stderr."""
-    for fd in range(3):
-        try:
-            os.fstat(fd)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
-
-
-class _Talk(io.FileIO):
-    """A descriptor for messages: a full disk or a terminal that is gone changes no result and no exit code."""
-
-    def write(self, data: Any) -> int:
-        """Hand the bytes to the reader; if nobody reads, they are dropped."""
-        try:
-            return super().write(data) or len(data)
-        except OSError:
-            return len(data)
-
-
-def _talk_that_never_fails() -> io.TextIOWrapper:
-    """stderr as Python makes it, but for errors of the descriptor below it."""
-    raw = io.BufferedWriter(_Talk(2, "w", closefd=False))
-    encoding = sys.stderr.encoding if sys.stderr else "utf-8"
-    return io.TextIOWrapper(raw, encoding=encoding, errors="backslashreplace", line_buffering=True)
 
 
 if __name__ == "__main__":

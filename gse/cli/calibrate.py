@@ -13,7 +13,7 @@ from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.imaging.camera_fit import Calibration
 from gse.imaging.session_fit import PanoramaSample, SessionCalibration, calibrate_session
-from gse.process.sign_of_life import working
+from gse.process.terminal import working
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.values.text import percent
 

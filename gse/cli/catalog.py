@@ -20,7 +20,7 @@ from gse.config.choice import station_of
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.identifier import make_identifier
-from gse.process.sign_of_life import working
+from gse.process.terminal import working
 from gse.values.camera import Camera
 
 if TYPE_CHECKING:

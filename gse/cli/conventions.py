@@ -12,7 +12,7 @@ from gse.cli.files import damage_code
 from gse.cli.options import say, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
-from gse.process.sign_of_life import working
+from gse.process.terminal import working
 from gse.values.instant import NS_PER_S
 
 if TYPE_CHECKING:

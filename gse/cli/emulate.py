@@ -11,7 +11,7 @@ from gse.cli.folding import folded
 from gse.cli.options import duration_option, station_option
 from gse.config.choice import station_of
 from gse.errors import UsageError
-from gse.process import sign_of_life
+from gse.process import terminal
 from gse.values.instant import NS_PER_S, to_text
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def command(
     seen = outlook(device, session, "--start chooses a night, --dark leaves the Sun's light out")
     click.echo(folded(seen, indent=2, err=True), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
-    sign_of_life.stop()
+    terminal.end_sign()
     try:
         now_ns: Callable[[], int] = lambda: read_clock().utc_ns + offset_ns  # noqa: E731
         Emulator(firmware, endpoint, now_ns, baudrate=device.port.baudrate).run(

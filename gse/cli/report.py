@@ -30,7 +30,7 @@ from gse.cli.options import (
 )
 from gse.config.choice import change_to
 from gse.errors import UsageError
-from gse.process.sign_of_life import working
+from gse.process.terminal import working
 from gse.sessions.status_file import read_status
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict

@@ -27,12 +27,11 @@ from gse.cli.options import (
     plots_option,
     station_option,
 )
-from gse.cli.output import News, Outputs, queued_output
 from gse.config.choice import station_of, with_identifier
 from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import GseError, UsageError
-from gse.process import sign_of_life
+from gse.process import terminal
 from gse.sessions.live import Ending
 from gse.sessions.status_file import is_unfinished, session_folders
 from gse.station.notes import Notes
@@ -98,7 +97,7 @@ def detach() -> Detachment:
     """
     if not hasattr(os, "fork"):
         raise UsageError("--detach needs a POSIX system; leave it out and keep the window of the session open")
-    sign_of_life.stop()
+    terminal.end_sign()
     read_fd, write_fd = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -181,7 +180,7 @@ def command(
         station, text = _simulated(station, text)
     notes = Notes()
     live_outputs = LiveOutputs(live, notes=notes)
-    with Ending(_say) as ending, queued_output(_waits_for_reader(station, ending)) as outputs:
+    with Ending(_say) as ending, terminal.queued(_waits_for_reader(station, ending)):
         _list_unfinished(out)
 
         def receive() -> "LiveSession":
@@ -191,7 +190,7 @@ def command(
                 station,
                 text,
                 out,
-                Operator(ending, _say, session.opened, lambda: session.terminal_news(outputs), notes),
+                Operator(ending, _say, session.opened, session.terminal_news, notes),
                 make_listeners=live_outputs.listeners,
                 duration_s=duration_s,
                 wait_port=wait_port,
@@ -205,10 +204,10 @@ def command(
             report, found = session.run(receive, ending, clock_error_s, plots=plots)
             if report:
                 live_outputs.conclude(report)
-        outputs.settle()
+        terminal.settle()
         if report:
             show_report(report, as_json=as_json, json_frames=live.json_frames)
-        outputs.settle()
+        terminal.settle()
         ctx.exit(session.finish(report, found))
 
 
@@ -228,11 +227,11 @@ class _Session:
         _say(f"recording: {folder / 'session.mcap'}")
         _say("Ctrl-C ends the session: it is closed, judged and reported")
 
-    def terminal_news(self, outputs: Outputs) -> list[News]:
+    def terminal_news(self) -> list[terminal.News]:
         """Events of the readers of stdout and stderr since the last call; a log in their place is kept small."""
         if self._detachment is not None:
             self._detachment.keep_small()
-        return outputs.news()
+        return terminal.news()
 
     def run(
         self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None, *, plots: bool

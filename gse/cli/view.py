@@ -10,7 +10,7 @@ import click
 
 from gse.cli.files import damage_code
 from gse.cli.options import bind_option, clock_error_option, http_port_option
-from gse.process import sign_of_life
+from gse.process import terminal
 from gse.view.glance_word import level_of
 from gse.view.viewer import open_native_viewer
 
@@ -95,7 +95,7 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
 def _serve_until_interrupt(url: str) -> None:
     with contextlib.suppress(KeyboardInterrupt):
         click.echo(f"view: {url} (press Ctrl-C to end)", err=True)
-        sign_of_life.stop()
+        terminal.end_sign()
         threading.Event().wait()
 
 

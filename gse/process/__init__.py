@@ -12,7 +12,8 @@ interleaved with the program without it):
     release_memory      a replay of 72,000 frames in 246 MiB; 306 without the first of its three places (after the
                         set-up, before judging, before drawing)
     without_pandas      0.35 s and 47 MiB where pandas is installed, which pyarrow else imports
-    sign_of_life        a terminal is never silent for more than a second
+    terminal            a terminal is never silent for more than a second; messages that nobody takes change no result;
+                        a reader that is slow, stopped or gone never delays a session
 
 ``gse.__main__`` has four lines more: a threshold of the search for garbage (0 to 0.04 s of identify's 1.3, 0.2 to 0.7
 of 3.2 of a replay), none at the end (0.03 to 0.5 s), short turns of threads (an answer goes out before what follows on
