@@ -51,6 +51,19 @@ def test_with_a_reader_that_died_and_one_that_never_reads_the_session_goes_on_un
     assert sessions[1].events()["TERMINAL_LOST"] == "stderr: Broken pipe; the session goes on without"
 
 
+def test_a_terminal_that_was_stopped_by_ctrl_s_keeps_no_session_from_its_end(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    stopped = subprocess.Popen(run_command(tmp_path / "out"), stdout=slave, stderr=slave)
+    session = LiveSession(tmp_path / "out")
+    session.await_state("running")
+    termios.tcflow(slave, termios.TCOOFF)
+    stopped.send_signal(signal.SIGTERM)
+    assert ended(stopped) == INCONCLUSIVE
+    assert session.is_closed_judged_and_reported()
+    os.close(slave)
+    os.close(master)
+
+
 @pytest.mark.skipif(shutil.which("tmux") is None, reason="needs tmux")
 def test_a_killed_tmux_ends_the_session_with_its_report(tmp_path: Path) -> None:
     command = run_command(tmp_path / "out")
