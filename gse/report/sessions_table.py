@@ -21,7 +21,7 @@ from gse.report.table_columns import (
     TEXT,
     UTC,
     WORDS,
-    Cell,
+    TableCell,
     column,
     columns_of,
     joined,
@@ -73,7 +73,7 @@ class ExcludedStretch:
     frames: int
 
 
-def conditions(session: SessionData | None, stats: Statistics | None) -> Iterator[Cell]:
+def conditions(session: SessionData | None, stats: Statistics | None) -> Iterator[TableCell]:
     """The columns of the conditions; null without a session."""
     station = session.station if session else None
     for ranged in COLUMNS:
@@ -97,7 +97,7 @@ def _sky_condition(session: SessionData) -> str | None:
     return summary.condition.value if summary else None
 
 
-def _range(name: str, values: NDArray[np.generic]) -> Iterator[Cell]:
+def _range(name: str, values: NDArray[np.generic]) -> Iterator[TableCell]:
     """Least, median and greatest of the known values of a column."""
     numbers = values.astype(np.float64)
     known = numbers[np.isfinite(numbers)]
@@ -114,7 +114,7 @@ def _stretches(stats: Statistics) -> list[ExcludedStretch]:
     ]
 
 
-def _link(session: SessionData | None) -> Iterator[Cell]:
+def _link(session: SessionData | None) -> Iterator[TableCell]:
     by_reason = "discarded_bytes_by_reason"
     yield from columns_of(LinkCounters, session.link if session else None, "link", without=(by_reason,))
     yield records(NamedCount, _counts(session.link.discarded_bytes_by_reason) if session else None, f"link_{by_reason}")
@@ -128,7 +128,7 @@ def _counts(counts: Mapping[str, int]) -> Iterable[NamedCount]:
     return [NamedCount(name, count) for name, count in sorted(counts.items())]
 
 
-def _mount(session: SessionData | None) -> Iterator[Cell]:
+def _mount(session: SessionData | None) -> Iterator[TableCell]:
     """The mount in force; where it was fitted on the session itself also its standard deviations."""
     fit = session.alignment if session else None
     mount = fit.mount if fit else session.station.mount if session else None
@@ -146,7 +146,7 @@ _BY_KEY = ("statuses", "answer_checks", "subjects", "spatial", "exclusions", "co
 """Fields of Statistics that are not plain values: they have columns of their own."""
 
 
-def figures(stats: Statistics | None) -> Iterator[Cell]:
+def figures(stats: Statistics | None) -> Iterator[TableCell]:
     """The columns of all statistics; null without any."""
     yield from columns_of(Statistics, stats, without=_BY_KEY)
     for stem, words, counts in (
@@ -162,7 +162,7 @@ def figures(stats: Statistics | None) -> Iterator[Cell]:
         yield from columns_of(SpatialErrors, of_axis, f"onboard_{axis.key}_star")
 
 
-def _of_subject(subject: Subject, stats: SubjectStatistics | None) -> Iterator[Cell]:
+def _of_subject(subject: Subject, stats: SubjectStatistics | None) -> Iterator[TableCell]:
     yield from columns_of(
         SubjectStatistics, stats, subject.value, without=("subject", "axes", "thermal", "time_is_stated")
     )
@@ -172,7 +172,7 @@ def _of_subject(subject: Subject, stats: SubjectStatistics | None) -> Iterator[C
         yield from columns_of(ThermalError, stats.thermal.get(axis.key) if stats else None, f"{stem}_thermal")
 
 
-def truth_figures(budget: TruthUncertaintyBudget | None) -> Iterator[Cell]:
+def truth_figures(budget: TruthUncertaintyBudget | None) -> Iterator[TableCell]:
     """The columns of the truth uncertainty budget."""
     for axis in AXES:
         of_axis = budget.axes[axis.key] if budget else None
@@ -208,7 +208,7 @@ def night_of(utc_ns: int, longitude_deg: float) -> date:
     return date.fromisoformat(instant.to_text(max(since_noon_ns, 0))[:10])
 
 
-def _table(row: Iterable[Cell]) -> pa.Table:
+def _table(row: Iterable[TableCell]) -> pa.Table:
     columns = list(row)
     arrays = [pa.array([of_one.value], of_one.field.type) for of_one in columns]
     return pa.table(arrays, schema=schema("sessions", [of_one.field for of_one in columns]))
@@ -221,7 +221,7 @@ def _row(
     *,
     source: str | None = None,
     error: str | None = None,
-) -> Iterator[Cell]:
+) -> Iterator[TableCell]:
     yield column("key", TEXT, key.text if key else None)
     yield from columns_of(ResultKey, key)
     yield column("source", TEXT, source)
@@ -233,7 +233,7 @@ def _row(
     yield from conditions(session, assessment.statistics if assessment else None)
 
 
-def _identity(session: SessionData | None) -> Iterator[Cell]:
+def _identity(session: SessionData | None) -> Iterator[TableCell]:
     """Which sensor, when, and from which bytes."""
     utc_ns = session.frames.columns["utc_ns"] if session else np.zeros(0, np.int64)
     first, last = (int(utc_ns.min()), int(utc_ns.max())) if len(utc_ns) else (None, None)
@@ -257,7 +257,7 @@ def _serial(session: SessionData) -> str | None:
     return sent or session.station.test.sensor_serial
 
 
-def _verdict(assessment: Assessment | None) -> Iterator[Cell]:
+def _verdict(assessment: Assessment | None) -> Iterator[TableCell]:
     """``damaged`` is the column ``truncated`` of the conditions."""
     yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget", "damaged"))
     yield records(Row, assessment.rows if assessment else None, "measurements")

@@ -61,19 +61,19 @@ _PLAIN = {bool: FLAG, int: COUNT, float: NUMBER, str: TEXT}
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class TableCell:
     """A field and its value in one row; None is null."""
 
     field: pa.Field
     value: Any
 
 
-def column(name: str, kind: pa.DataType, value: Any) -> Cell:
+def column(name: str, kind: pa.DataType, value: Any) -> TableCell:
     """A column with the metadata that its name states."""
-    return Cell(field(name, kind), value)
+    return TableCell(field(name, kind), value)
 
 
-def columns_of(kind: Any, value: Any, stem: str = "", *, without: Iterable[str] = ()) -> Iterator[Cell]:
+def columns_of(kind: Any, value: Any, stem: str = "", *, without: Iterable[str] = ()) -> Iterator[TableCell]:
     """The columns of a record of type ``kind``, their names beginning with ``stem``; all null where ``value`` is None.
 
     ``without`` names fields that are not taken, for example those that are not plain values.
@@ -90,11 +90,11 @@ def columns_of(kind: Any, value: Any, stem: str = "", *, without: Iterable[str] 
             yield _plain_column(name, arrow_type(inner), plain(of_field))
 
 
-def _plain_column(name: str, kind: pa.DataType, value: Any) -> Cell:
+def _plain_column(name: str, kind: pa.DataType, value: Any) -> TableCell:
     return column(name, kind, str(value) if kind == TEXT and value is not None else value)
 
 
-def records(kind: Any, values: Iterable[Any] | None, name: str) -> Cell:
+def records(kind: Any, values: Iterable[Any] | None, name: str) -> TableCell:
     """One column with a list of records of type ``kind``, each a struct."""
     listed = None if values is None else [plain(value) for value in values]
     return column(name, pa.list_(arrow_type(kind)), listed)
