@@ -44,9 +44,11 @@ def _session_parts(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: in
                 text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
                 items.append(LinkEvent(*stamp, LinkKind.DAMAGED, text))
         yield items
+    if capture.foreign:
+        yield [LinkEvent(*stamp, LinkKind.DAMAGED, text) for text in capture.foreign]
     if capture.missing:
         yield [LinkEvent(*stamp, LinkKind.DAMAGED, f"missing: {', '.join(capture.missing)}")]
-    elif capture.truncated:
+    elif capture.truncated and not capture.foreign:
         yield [LinkEvent(*stamp, LinkKind.TRUNCATED, f"{path.name} was not closed: its end may be missing")]
 
 

@@ -5,20 +5,137 @@ and after a damaged one the reader looks for the next that is whole. A file that
 gives all its whole records. Memory is bounded by the largest record that is believed.
 """
 
+import json
 import re
+import zlib
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
 from drivers.errors import CaptureError
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.record_scanner import RecordScanner
-from drivers.session_file.records import CONTINUED, Damage, Record, RecordedMessage
+from drivers.session_file.records import CONTINUED, CONTINUES, Damage, Record, RecordedMessage
 
 MOST_ATTACHMENTS = 1000
 """Names kept to give each file frozen into the segments once."""
 MAX_DAMAGES_KEPT = 100
 """Damages listed one by one; all are counted."""
+_SEAMS = (CONTINUED, CONTINUES)
+"""They hold the segments together, and are no messages of the session."""
+_NOT_PLAIN = (None, *_SEAMS)
+
+
+# Which files are segments of one session.
+#
+# A file name is no proof: somebody's session.part2.mcap beside a session.mcap is another session. A segment says of
+# which session it is, which number it has, and where the one before it ended. Segments from before November 2026 do not
+# say it; they have the attachments of the first.
+
+
+@dataclass(slots=True)
+class _Head:
+    """What stands before and in the first message of a file; ``damaged``: a part of it is not a valid record."""
+
+    attachments: dict[str, int] = field(default_factory=dict)
+    stamp: tuple[int, int] | None = None
+    statement: dict[str, object] | None = None
+    damaged: bool = False
+
+
+class SegmentChain:
+    """Decides which files are the segments of a session, in their order.
+
+    ``missing`` names segments that should be there; ``foreign`` are sentences on files that have the name of a segment
+    and belong to another session: they are not read.
+    """
+
+    def __init__(self, first: Path) -> None:
+        self.missing: list[str] = []
+        self.foreign: list[str] = []
+        self._first = first
+        self._files = _numbered(first)
+        self._head = _head_of(first) if len(self._files) > 1 else _Head()
+        self._segment = first
+        self._number = 1
+        self._end: RecordedMessage | None = None
+        self._is_last = False
+
+    def segments(self) -> Iterator[Path]:
+        """Each segment; ``was_read`` has to be called before the next is asked for."""
+        yield self._first
+        for number, path in self._files[1:]:
+            if reason := self._refusal(number, path):
+                self.foreign.append(f"{path.name} was not read, it is no part of {self._first.name}: {reason}")
+                continue
+            self.missing += [segment_path(self._first, gap).name for gap in range(self._number + 1, number)]
+            self._segment, self._number, self._end = path, number, None
+            yield path
+        if self._end is not None:
+            self.missing.append(f"what follows {self._segment.name}")
+
+    def was_read(self, scanner: RecordScanner, end: RecordedMessage | None, *, damaged: bool) -> None:
+        """A segment was read to its end: with this message of CONTINUED, or none."""
+        self._end = end
+        self._is_last = scanner.ended and not damaged and not scanner.has_channel(CONTINUED)
+
+    def _refusal(self, number: int, path: Path) -> str | None:
+        """Why a file is not the segment of its number, or None."""
+        if self._is_last:
+            return f"{self._segment.name} is closed, and says that nothing follows"
+        try:
+            head = _head_of(path)
+        except CaptureError as error:
+            return str(error)
+        if head.statement is None:
+            return self._refusal_of_undeclared(head)
+        session, said = head.statement.get("session"), head.statement.get("segment")
+        if self._head.stamp is not None and not self._head.damaged and session != list(self._head.stamp):
+            return "it says that it continues another session"
+        if said != number:
+            return f"it says that it is segment {said!r:.20}"
+        if self._end and number == self._number + 1 and head.stamp != (self._end.utc_ns, self._end.mono_ns):
+            return f"it does not begin where {self._segment.name} ends"
+        return None
+
+    def _refusal_of_undeclared(self, head: _Head) -> str | None:
+        """The same for a file that does not say what it continues: one from before segments did, or no segment."""
+        if head.damaged or self._head.damaged:
+            return None
+        if self._end is not None and self._end.data.startswith(b"{"):
+            return "it is the beginning of a session"
+        for name, crc in self._head.attachments.items():
+            if head.attachments.get(name, crc) != crc:
+                return f"its {name} is another"
+        return None
+
+
+def _head_of(path: Path) -> _Head:
+    head = _Head()
+    with FileWindow(path) as window:
+        for record in RecordScanner(window, path.name).records():
+            if isinstance(record, Damage):
+                head.damaged = True
+            elif isinstance(record, RecordedMessage):
+                head.stamp = (record.utc_ns, record.mono_ns)
+                head.statement = _object(record.data) if record.topic == CONTINUES else None
+                break
+            elif len(head.attachments) < MOST_ATTACHMENTS:
+                head.attachments.setdefault(record.name, zlib.crc32(record.data))
+    return head
+
+
+def _end_among(part: Sequence[Record]) -> RecordedMessage | None:
+    return next((each for each in part if isinstance(each, RecordedMessage) and each.topic == CONTINUED), None)
+
+
+def _object(data: bytes) -> dict[str, object]:
+    try:
+        document = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return document if isinstance(document, dict) else {}
 
 
 class Capture:
@@ -26,28 +143,27 @@ class Capture:
 
     While it goes, and when it is over, ``truncated`` tells whether the end is missing, ``damages`` lists the first
     damaged places, ``damage_count`` and ``damaged_bytes`` count all of them, ``missing`` names segments that should be
-    there, ``segments`` those that are.
+    there, ``foreign`` are sentences on files that are no segments, and ``segments`` those that were read.
     """
 
     def __init__(
         self,
-        segments: list[Path],
-        missing: list[str],
+        first: Path,
         *,
         from_utc_ns: int | None = None,
         only: Collection[str] | None = None,
         alone: bool = False,
     ) -> None:
-        self.segments = segments
-        self.missing = missing
+        self.segments: list[Path] = []
         self.truncated = False
         self.damages: list[Damage] = []
         self.damage_count = 0
         self.damaged_bytes = 0
+        self._chain = SegmentChain(first)
         self._from_utc_ns = from_utc_ns
         self._only = None if only is None else frozenset(only)
         self._alone = alone
-        self._parts = self._read()
+        self._parts = self._read(iter([first]) if alone else self._chain.segments())
         self._records = chain.from_iterable(self._parts)
 
     def __iter__(self) -> Iterator[Record]:
@@ -61,31 +177,44 @@ class Capture:
         return self._parts
 
     @property
+    def missing(self) -> list[str]:
+        """Names of segments that should be there."""
+        return self._chain.missing
+
+    @property
+    def foreign(self) -> list[str]:
+        """Sentences on files that have the name of a segment and belong to another session."""
+        return self._chain.foreign
+
+    @property
     def is_damaged(self) -> bool:
         """Whether something is missing of what was read so far."""
         return self.truncated or self.damage_count > 0
 
-    def _read(self) -> Iterator[Sequence[Record]]:
+    def _read(self, segments: Iterator[Path]) -> Iterator[Sequence[Record]]:
         attached: set[str] = set()
         searched = None if self._only is None else {*self._only, CONTINUED}
-        for segment in self.segments:
-            continued = False
+        for segment in segments:
+            self.segments.append(segment)
+            end, damages = None, self.damage_count
             with FileWindow(segment) as window:
                 walk = RecordScanner(window, segment.name, from_utc_ns=self._from_utc_ns, only=searched)
                 for part in walk.parts():
                     kinds = {record.topic if isinstance(record, RecordedMessage) else None for record in part}
-                    continued |= CONTINUED in kinds
-                    is_plain = kinds <= self._only if self._only is not None else kinds.isdisjoint((None, CONTINUED))
+                    if CONTINUED in kinds:
+                        end = next(
+                            each for each in part if isinstance(each, RecordedMessage) and each.topic == CONTINUED
+                        )
+                    is_plain = kinds <= self._only if self._only is not None else kinds.isdisjoint(_NOT_PLAIN)
                     yield part if is_plain else [record for record in part if self._gives(record, attached)]
             self.truncated |= not walk.ended
-            if continued and segment == self.segments[-1] and not self._alone:
-                self.missing.append(f"what follows {segment.name}")
-        self.truncated |= bool(self.missing)
+            self._chain.was_read(walk, end, damaged=self.damage_count > damages)
+        self.truncated |= bool(self.missing or self.foreign)
 
     def _gives(self, record: Record, attached: set[str]) -> bool:
         """Whether a record is for the reader: a wanted message, damage, which is counted, or a new attachment."""
         if isinstance(record, RecordedMessage):
-            return self._alone if record.topic == CONTINUED else self._only is None or record.topic in self._only
+            return self._alone if record.topic in _SEAMS else self._only is None or record.topic in self._only
         if isinstance(record, Damage):
             self._count(record)
             return True
@@ -111,12 +240,12 @@ def read_capture(path: Path | str, *, from_utc_ns: int | None = None, only: Coll
     path = session_file(Path(path))
     with FileWindow(path) as window:
         RecordScanner(window, path.name).check_ours()
-    return Capture(*find_segments(path), from_utc_ns=from_utc_ns, only=only)
+    return Capture(path, from_utc_ns=from_utc_ns, only=only)
 
 
 def one_file(path: Path) -> Capture:
-    """The records of one file alone, its mention of a successor included."""
-    return Capture([path], [], alone=True)
+    """The records of one file alone, its mentions of the segments before and after it included."""
+    return Capture(path, alone=True)
 
 
 def session_file(path: Path) -> Path:
@@ -135,15 +264,18 @@ def segment_path(first: Path, number: int) -> Path:
     return first if number == 1 else first.with_name(f"{first.stem}.part{number}{first.suffix}")
 
 
-def find_segments(first: Path) -> tuple[list[Path], list[str]]:
-    """The segments of a session that are there, in order, and the names of those missing between them."""
+def segment_files(first: Path) -> list[Path]:
+    """The files beside a session that have the names of its segments, in order, with itself."""
+    return [path for _, path in _numbered(first)]
+
+
+def _numbered(first: Path) -> list[tuple[int, Path]]:
     pattern = re.compile(re.escape(first.stem) + r"\.part([1-9]\d{0,3})" + re.escape(first.suffix))
     found = {1: first}
     for path in first.parent.iterdir():
         if match := pattern.fullmatch(path.name):
             found[int(match[1])] = path
-    missing = [segment_path(first, number).name for number in range(1, max(found)) if number not in found]
-    return [found[number] for number in sorted(found)], missing
+    return sorted(found.items())
 
 
 def messages(path: Path | str, topic: str) -> Iterator[RecordedMessage]:

@@ -25,6 +25,7 @@ from drivers.session_file.file_window import BlockWindow, FileWindow, Window
 from drivers.session_file.records import (
     CLOCK,
     CONTINUED,
+    CONTINUES,
     EVENTS,
     PROFILE,
     RX,
@@ -150,7 +151,7 @@ MOST_TOPICS_TRIED = 16
 """For a message whose channel is unknown; this station writes fewer."""
 FOREIGN_AFTER = 1 << 20
 
-_ALWAYS = (RX, TX, EVENTS, CLOCK, CONTINUED)
+_ALWAYS = (RX, TX, EVENTS, CLOCK, CONTINUED, CONTINUES)
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _HEAD_AND_MESSAGE = struct.Struct("<BQHIQQ")
@@ -195,6 +196,10 @@ class RecordScanner:
         self.footer: tuple[int, int, int] | None = None
         """Where the footer stands, where the summary starts, and the CRC-32 that is said to be of both."""
         self.ended = False
+
+    def has_channel(self, topic: str) -> bool:
+        """Whether a channel of this topic was seen; a closed file names all of its channels once more at its end."""
+        return topic in self._topics.values()
 
     def _inside(self, block: bytes, offset: int, only: Container[str] | None) -> "RecordScanner":
         """The scanner of a chunk's content: it knows the same channels, and works on the same account."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.session_file.file_window import FileWindow
-from drivers.session_file.reader import MAX_DAMAGES_KEPT, MOST_ATTACHMENTS, find_segments, session_file
+from drivers.session_file.reader import MAX_DAMAGES_KEPT, MOST_ATTACHMENTS, SegmentChain, session_file
 from drivers.session_file.record_scanner import RecordScanner
 from drivers.session_file.records import CONTINUED, RX, TX, Attachment, Damage, RecordedMessage
 
@@ -27,7 +27,6 @@ class FileCheck:
     size: int
     closed: bool = False
     checksums: bool = True
-    continued: bool = False
     messages: Counter[str] = field(default_factory=Counter)
     rx_bytes: int = 0
     tx_bytes: int = 0
@@ -46,15 +45,16 @@ class FileCheck:
 
 @dataclass(frozen=True, slots=True)
 class SessionCheck:
-    """Result for a session: its files, and the names of missing files."""
+    """Result for a session: its files, the names of missing files, sentences on files that are no part of it."""
 
     files: tuple[FileCheck, ...]
     missing: tuple[str, ...]
+    foreign: tuple[str, ...]
 
     @property
     def is_whole(self) -> bool:
         """Whether nothing at all is wrong with it."""
-        return not self.missing and all(file.is_whole for file in self.files)
+        return not self.missing and not self.foreign and all(file.is_whole for file in self.files)
 
     @property
     def damaged_bytes(self) -> int:
@@ -67,14 +67,13 @@ def verify(path: Path) -> SessionCheck:
     first = session_file(path)
     with FileWindow(first) as window:
         RecordScanner(window, first.name).check_ours()
-    segments, missing = find_segments(first)
-    files = tuple(_check(segment) for segment in segments)
-    if files[-1].continued:
-        missing.append(f"what follows {segments[-1].name}")
-    return SessionCheck(files, tuple(missing))
+    chain = SegmentChain(first)
+    files = tuple(_check(segment, chain) for segment in chain.segments())
+    return SessionCheck(files, tuple(chain.missing), tuple(chain.foreign))
 
 
-def _check(path: Path) -> FileCheck:
+def _check(path: Path, chain: SegmentChain) -> FileCheck:
+    end = None
     with FileWindow(path) as window:
         check = FileCheck(path.name, window.size)
         walk = RecordScanner(window, path.name)
@@ -84,10 +83,12 @@ def _check(path: Path) -> FileCheck:
             elif isinstance(record, Attachment):
                 check.attachments += [record.name] if len(check.attachments) < MOST_ATTACHMENTS else []
             else:
+                end = record if record.topic == CONTINUED else end
                 _count(check, record)
         check.closed = walk.ended
         if walk.ended:
             check.checksums = _checksums_agree(window, walk)
+    chain.was_read(walk, end, damaged=check.damage_count > 0)
     return check
 
 
@@ -102,7 +103,6 @@ def _count(check: FileCheck, message: RecordedMessage) -> None:
     check.messages[message.topic] += 1
     check.rx_bytes += len(message.data) if message.topic == RX else 0
     check.tx_bytes += len(message.data) if message.topic == TX else 0
-    check.continued |= message.topic == CONTINUED
     if message.topic in (RX, TX):
         check.first_ns = min(check.first_ns or message.utc_ns, message.utc_ns)
         check.last_ns = max(check.last_ns or message.utc_ns, message.utc_ns)

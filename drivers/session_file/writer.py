@@ -5,6 +5,7 @@ Unchunked, and handed to the kernel after every message: what was written stays 
 """
 
 import contextlib
+import json
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -12,7 +13,17 @@ from types import TracebackType
 from mcap.writer import IndexType, Writer
 
 from drivers.errors import CaptureError
-from drivers.session_file.records import CONTINUED, EVENTS, PROFILE, RX, TX, MessageWriter, RecordedMessage, checksum
+from drivers.session_file.records import (
+    CONTINUED,
+    CONTINUES,
+    EVENTS,
+    PROFILE,
+    RX,
+    TX,
+    MessageWriter,
+    RecordedMessage,
+    checksum,
+)
 from drivers.session_file.retrying_file import RetryingFile
 from drivers.session_file.written_bytes import WrittenBytes
 
@@ -39,6 +50,8 @@ class CaptureWriter(MessageWriter):
         )
         self._channels: dict[str, int] = {}
         self._finished = False
+        self.first_stamp: tuple[int, int] | None = None
+        """UTC and monotonic clock of the first message: of a session's first segment, what tells it from all others."""
         self._writer.start(profile=PROFILE, library="gse-star-sensor")
         for topic in (RX, TX, EVENTS):
             self._channel(topic)
@@ -71,6 +84,7 @@ class CaptureWriter(MessageWriter):
         """Any message, into memory only until ``flush``: for many at once."""
         # MCAP's clock is unsigned, of 64 bits: before 1970 is stored as 1970, after 2554 as 2554.
         utc_ns, mono_ns = (min(max(stamp, 0), _LAST_NS) for stamp in (message.utc_ns, message.mono_ns))
+        self.first_stamp = self.first_stamp or (utc_ns, mono_ns)
         self._writer.add_message(
             channel_id=self._channel(message.topic),
             log_time=utc_ns,
@@ -113,9 +127,15 @@ class CaptureWriter(MessageWriter):
         self._spool.restore()
         return True
 
-    def continued(self, successor: str, utc_ns: int, mono_ns: int) -> None:
+    def continued(self, successor: str, session: tuple[int, int] | None, utc_ns: int, mono_ns: int) -> None:
         """Say that the session goes on in another file."""
-        self.write(RecordedMessage(CONTINUED, utc_ns, mono_ns, successor.encode()))
+        document = {"next": successor, "session": session}
+        self.write(RecordedMessage(CONTINUED, utc_ns, mono_ns, json.dumps(document).encode()))
+
+    def continues(self, number: int, session: tuple[int, int] | None, utc_ns: int, mono_ns: int) -> None:
+        """Say which segment of which session this is; the stamp is that of the end of the segment before."""
+        document = {"segment": number, "session": session}
+        self.write(RecordedMessage(CONTINUES, utc_ns, mono_ns, json.dumps(document).encode()))
 
     def finish(self) -> None:
         """End the file with its summary, in memory only until ``flush``; no message can follow."""

@@ -210,8 +210,8 @@ def _utc(text: str | None) -> int | None:
 
 def _report(ctx: click.Context, copied: Any, as_json: bool) -> None:
     if as_json:
-        names = ("messages", "attachments", "rx_bytes", "damaged_bytes", "damaged_places", "missing", "truncated")
-        document = {name: getattr(copied, name) for name in names}
+        counts = ("messages", "attachments", "rx_bytes", "damaged_bytes", "damaged_places")
+        document = {name: getattr(copied, name) for name in (*counts, "missing", "foreign", "truncated")}
         click.echo(json.dumps({"schema": "gse.session.copy/1", "path": str(copied.path), **document}))
     else:
         click.echo(f"{copied.path}: {copied.messages} messages with {copied.rx_bytes} received bytes")
@@ -219,7 +219,9 @@ def _report(ctx: click.Context, copied: Any, as_json: bool) -> None:
             click.echo(f"left out: {copied.damaged_bytes} damaged bytes in {copied.damaged_places} places")
         if copied.missing:
             click.echo(f"missing: {', '.join(copied.missing)}")
-        if copied.truncated:
+        for text in copied.foreign:
+            click.echo(plain_lines(text))
+        if copied.truncated and not copied.foreign:
             click.echo("the session was not closed: data after its last intact record may be missing")
     if not copied.is_all:
         ctx.exit(EXIT_DATA_LOST)

@@ -6,6 +6,7 @@ sessions can wait, so everything is written at once. After a disk error writing 
 session; unwritten bytes wait in memory, up to a limit, and the operator sees one message.
 """
 
+import contextlib
 import queue
 import threading
 import time
@@ -107,6 +108,7 @@ class Recorder(MessageWriter):
         self._attachments: list[Attachment] = []
         self._open_writer = open_writer
         self._writer = open_writer(path)
+        self._session: tuple[int, int] | None = None
         self._segment_data_bytes = 0
         self._unwritten_ends, self._unwritten_sizes = array("Q"), array("L")
         self._last_tries_s = last_tries_s
@@ -266,11 +268,11 @@ class Recorder(MessageWriter):
 
     def _next_segment(self) -> None:
         """Continue in a new file, or in the old one if that fails."""
-        path = segment_path(self.path, len(self._segments) + 1)
+        number = len(self._segments) + 1
+        path = segment_path(self.path, number)
+        self._session = self._session or self._writer.first_stamp or self._stamp
         try:
-            following = self._open_writer(path)
-            for item in self._attachments:
-                following.attach(item.name, item.media_type, item.data)
+            following = self._begun(path, number)
         except (CaptureError, OSError) as error:
             self._segment_bytes += SEGMENT_BYTES
             self._announce_once(
@@ -282,11 +284,25 @@ class Recorder(MessageWriter):
         self._segments.append(path)
         data_bytes, self._segment_data_bytes = self._segment_data_bytes, 0
         try:
-            previous.continued(path.name, *self._stamp)
+            previous.continued(path.name, self._session, *self._stamp)
             previous.close()
         except OSError as error:
             self._leave_unfinished(self._segments[-2], error)
         self._read_back(self._segments[-2], previous.written, data_bytes)
+
+    def _begun(self, path: Path, number: int) -> CaptureWriter:
+        """The next file of the session with its attachments; where the disk refuses them, none is left."""
+        following = self._open_writer(path)
+        try:
+            for item in self._attachments:
+                following.attach(item.name, item.media_type, item.data)
+            following.continues(number, self._session, *self._stamp)
+        except OSError:
+            with contextlib.suppress(OSError):
+                following.close()
+            path.unlink(missing_ok=True)
+            raise
+        return following
 
     def _finish(self) -> None:
         until_s = time.monotonic() + self._last_tries_s

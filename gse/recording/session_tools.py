@@ -29,6 +29,7 @@ class Copied:
     damaged_bytes: int
     damaged_places: int
     missing: tuple[str, ...]
+    foreign: tuple[str, ...]
     truncated: bool
 
     @property
@@ -73,6 +74,7 @@ def verify_json(check: SessionCheck) -> dict[str, Any]:
         "schema": VERIFY_SCHEMA,
         "whole": check.is_whole,
         "missing": list(check.missing),
+        "foreign": list(check.foreign),
         "damaged_bytes": check.damaged_bytes,
         "files": [_file_json(file) for file in check.files],
     }
@@ -104,8 +106,7 @@ def describe(check: SessionCheck) -> list[str]:
             lines.append("  it was not closed: the session still runs, was killed, or its end is missing")
         elif not file.checksums and not file.damage_count:
             lines.append("  a checksum of the whole file is wrong, but every record is intact: no data is lost")
-    lines += [f"missing: {name}" for name in check.missing]
-    return lines
+    return [*lines, *(f"missing: {name}" for name in check.missing), *check.foreign]
 
 
 def recover(path: Path, out: Path) -> Copied:
@@ -154,5 +155,6 @@ def _copy(capture: Capture, out: Path, from_utc_ns: int | None, to_utc_ns: int |
         capture.damaged_bytes,
         capture.damage_count,
         tuple(capture.missing),
+        tuple(capture.foreign),
         capture.truncated,
     )

@@ -15,7 +15,7 @@ from typing import Any
 
 from drivers.errors import DriverError
 from drivers.host_files import only_a_file
-from drivers.session_file.reader import find_segments
+from drivers.session_file.reader import segment_files
 from drivers.whole_file import write_whole
 from gse.config.choice import change_to
 from gse.errors import GseError, UsageError
@@ -85,7 +85,7 @@ def recordings_in(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise UsageError(f"{folder} is not a folder; expected one that holds sessions (.mcap)")
     found = [path for path in folder.rglob("*.mcap") if path.is_file()]
-    further = {segment for path in found for segment in find_segments(path)[0][1:]}
+    further = {segment for path in found for segment in segment_files(path)[1:]}
     if not found:
         raise UsageError(f"there is no session (.mcap) in {folder}")
     return sorted(set(found) - further)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.mock.playback import is_session
-from drivers.session_file.reader import find_segments, session_file
+from drivers.session_file.reader import segment_files, session_file
 from gse.catalog.readers import GAIA
 from gse.config.choice import StationText
 from gse.errors import UsageError
@@ -129,4 +129,4 @@ def _follows_from_text(force: StationInForce) -> bool:
 def result_key(first: Path, station_text: str) -> ResultKey:
     """The key of the results of a session file, with its segments, under a station file and this software."""
     station = hashlib.sha256(station_text.encode()).hexdigest()
-    return ResultKey(session_sha256(find_segments(first)[0]), station, software_sha256())
+    return ResultKey(session_sha256(segment_files(first)), station, software_sha256())

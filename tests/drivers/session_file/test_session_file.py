@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.session_file.compaction import compact
 from drivers.session_file.reader import Capture, read_capture, segment_path
-from drivers.session_file.records import EVENTS, RX, TX, Attachment, Damage, RecordedMessage
+from drivers.session_file.records import CONTINUED, EVENTS, RX, TX, Attachment, Damage, RecordedMessage
+from drivers.session_file.verification import verify
 from drivers.session_file.writer import CaptureWriter
 
 MESSAGES = 6
@@ -183,25 +185,107 @@ def test_a_folder_stands_for_the_session_in_it(tmp_path: Path) -> None:
     assert [record.data for record in whole(tmp_path)[0] if isinstance(record, RecordedMessage)] == data
 
 
-def test_segments_are_read_as_one_session_and_a_missing_one_is_named(tmp_path: Path) -> None:
-    first = tmp_path / "session.mcap"
-    for number in (1, 2, 3):
-        with CaptureWriter(segment_path(first, number)) as writer:
-            writer.attach("station.yaml", "application/yaml", b"version: 1\n")
-            writer.rx(Chunk(number, number, bytes([number])))
-            if number < 3:
-                writer.continued(segment_path(first, number + 1).name, number, number)
+def write_segments(first: Path, begin: int, *, says_so: bool = True) -> list[Path]:
+    """Three segments; ``says_so`` is False for a session from before segments said what they continue."""
+    paths = [segment_path(first, number) for number in (1, 2, 3)]
+    for number, path in enumerate(paths, start=1):
+        stamp, session = begin + number, (begin + 1, begin + 1)
+        with CaptureWriter(path) as writer:
+            writer.attach("station.yaml", "application/yaml", b"begin: %d\n" % begin)
+            if says_so and number > 1:
+                writer.continues(number, session, stamp - 1, stamp - 1)
+            writer.rx(Chunk(stamp, stamp, bytes([stamp])))
+            if number < 3 and says_so:
+                writer.continued("next", session, stamp, stamp)
+            elif number < 3:
+                writer.write(RecordedMessage(CONTINUED, stamp, stamp, b"next"))
+    return paths
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("says_so", [True, False])
+def test_segments_are_read_as_one_session_and_a_missing_one_is_named(
+    tmp_path: Path, says_so: bool, compressed: bool
+) -> None:
+    first, second, third = write_segments(tmp_path / "session.mcap", 0, says_so=says_so)
+    if compressed:
+        assert all(compact(path) for path in (first, second, third))
     records, capture = whole(first)
-    assert [record.data for record in records] == [b"version: 1\n", b"\1", b"\2", b"\3"]
+    assert [record.data for record in records] == [b"begin: 0\n", b"\1", b"\2", b"\3"]
     assert not capture.truncated
-    segment_path(first, 2).unlink()
+    assert verify(first).is_whole
+    second.unlink()
     records, capture = whole(first)
-    assert [record.data for record in records] == [b"version: 1\n", b"\1", b"\3"]
+    assert [record.data for record in records] == [b"begin: 0\n", b"\1", b"\3"]
     assert capture.truncated
-    assert capture.missing == ["session.part2.mcap"]
-    segment_path(first, 3).unlink()
+    assert capture.missing == list(verify(first).missing) == ["session.part2.mcap"]
+    third.unlink()
     _, capture = whole(first)
-    assert capture.missing == ["what follows session.mcap"]
+    assert capture.missing == list(verify(first).missing) == ["what follows session.mcap"]
+
+
+FOREIGN = {
+    "one more": ("other.mcap", 4, "session.part3.mcap is closed, and says that nothing follows"),
+    "another session's": ("other.part2.mcap", 2, "it says that it continues another session"),
+    "a later one of its own": ("session.part3.mcap", 2, "it says that it is segment 3"),
+    "the beginning of a session": ("other.mcap", 2, "it is the beginning of a session"),
+}
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_a_file_with_the_name_of_a_segment_that_belongs_to_another_session_is_named_and_not_read(
+    tmp_path: Path, kind: str, compressed: bool
+) -> None:
+    paths = write_segments(tmp_path / "session.mcap", 0)
+    paths += write_segments(tmp_path / "other.mcap", 10)
+    if compressed:
+        assert all(compact(path) for path in paths)
+    source, number, reason = FOREIGN[kind]
+    shutil.copy(tmp_path / source, segment_path(paths[0], number))
+    records, capture = whole(paths[0])
+    data = [record.data for record in records if isinstance(record, RecordedMessage)]
+    assert data == [bytes([each]) for each in (1, 2, 3) if each != number]
+    assert capture.truncated
+    (sentence,) = capture.foreign
+    assert sentence == f"session.part{number}.mcap was not read, it is no part of session.mcap: {reason}"
+    check = verify(paths[0])
+    assert (check.is_whole, check.foreign, check.missing) == (False, (sentence,), tuple(capture.missing))
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_an_older_session_takes_no_file_with_another_station_and_none_after_its_end(tmp_path: Path, ends: bool) -> None:
+    first, second, _ = write_segments(tmp_path / "session.mcap", 0, says_so=False)
+    other, *_ = write_segments(tmp_path / "other.mcap", 10, says_so=False)
+    if ends:
+        shutil.copy(tmp_path / "session.part3.mcap", first)
+    else:
+        shutil.copy(other, second)
+    _, capture = whole(first)
+    reason = "session.mcap is closed, and says that nothing follows" if ends else "its station.yaml is another"
+    assert capture.foreign[0] == f"session.part2.mcap was not read, it is no part of session.mcap: {reason}"
+    attachments = read_capture(first, from_utc_ns=2**63, only=())
+    assert [record.data for record in attachments] == [b"begin: 0\n"]
+    assert attachments.foreign == capture.foreign
+
+
+def test_a_segment_that_does_not_begin_where_the_one_before_ends_is_not_read(tmp_path: Path) -> None:
+    first, second, _ = write_segments(tmp_path / "session.mcap", 0)
+    second.unlink()
+    with CaptureWriter(second) as writer:
+        writer.continues(2, (1, 1), 5, 5)
+    _, capture = whole(first)
+    assert capture.foreign == [
+        "session.part2.mcap was not read, it is no part of session.mcap: it does not begin where session.mcap ends"
+    ]
+
+
+def test_a_pipe_with_the_name_of_a_segment_is_named_and_not_waited_for(tmp_path: Path) -> None:
+    first, second, _ = write_segments(tmp_path / "session.mcap", 0)
+    second.unlink()
+    os.mkfifo(second)
+    _, capture = whole(first)
+    assert "pipe" in capture.foreign[0]
 
 
 def test_a_missing_successor_is_named_whatever_topics_are_wanted_and_none_wanted_gives_none(tmp_path: Path) -> None:
@@ -209,7 +293,7 @@ def test_a_missing_successor_is_named_whatever_topics_are_wanted_and_none_wanted
     with CaptureWriter(first) as writer:
         writer.attach("station.yaml", "application/yaml", b"version: 1\n")
         writer.rx(Chunk(1, 1, b"a"))
-        writer.continued("session.part2.mcap", 2, 2)
+        writer.continued("session.part2.mcap", (1, 1), 2, 2)
     shutil.copy(first, closed)
     assert compact(closed)
     for path, only in itertools.product((first, closed), ((), (RX,), (EVENTS,), None)):

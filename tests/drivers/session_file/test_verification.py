@@ -7,7 +7,6 @@ import pytest
 from drivers.chunk import Chunk
 from drivers.errors import CaptureError
 from drivers.session_file.compaction import compact
-from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX
 from drivers.session_file.verification import verify
 from drivers.session_file.writer import CaptureWriter
@@ -60,19 +59,6 @@ def test_every_truncation_is_found(tmp_path: Path, compressed: bool) -> None:
     for size in range(100, len(content), 3):
         path.write_bytes(content[:size])
         assert not verify(path).is_whole
-
-
-def test_missing_segments_are_named(tmp_path: Path) -> None:
-    first = tmp_path / "session.mcap"
-    for number in (1, 2, 3):
-        with CaptureWriter(segment_path(first, number)) as writer:
-            if number < 3:
-                writer.continued("next", 1, 1)
-    assert verify(first).is_whole
-    segment_path(first, 2).unlink()
-    assert verify(first).missing == ("session.part2.mcap",)
-    segment_path(first, 3).unlink()
-    assert verify(first).missing == ("what follows session.mcap",)
 
 
 def test_a_compressed_file_is_not_compressed_where_it_is_damaged(tmp_path: Path) -> None:

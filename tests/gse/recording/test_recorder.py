@@ -11,14 +11,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from devices.full_disk import full_disk
 from devices.patience import PATIENCE_S
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.records import RX, Attachment, RecordedMessage
+from drivers.session_file.verification import verify
 from drivers.session_file.writer import CaptureWriter
 from gse.recording.recorder import Recorder
+from gse.recording.session_format import RecorderKind
 
 
 def received(path: Path) -> tuple[bytes, Capture]:
@@ -79,6 +82,33 @@ def test_segments_lose_nothing_at_the_seams_and_each_stands_alone(tmp_path: Path
     assert not capture.truncated
     for segment in capture.segments:
         assert any(isinstance(record, Attachment) for record in read_capture(segment))
+
+
+def test_two_recordings_with_exchanged_segments_are_not_taken_for_whole(tmp_path: Path) -> None:
+    for name, begin in (("a", 10**18), ("b", 2 * 10**18)):
+        with Recorder(tmp_path / f"{name}.mcap", live=False, segment_bytes=10_000) as recorder:
+            recorder.attach("station.yaml", "application/yaml", b"version: 1")
+            for chunk in chunks(80):
+                recorder.rx(Chunk(begin + chunk.mono_ns, chunk.mono_ns, chunk.data))
+        assert verify(tmp_path / f"{name}.mcap").is_whole
+    (tmp_path / "b.part2.mcap").replace(tmp_path / "a.part2.mcap")
+    check = verify(tmp_path / "a.mcap")
+    assert [file.name for file in check.files] == ["a.mcap", "a.part3.mcap"]
+    assert "a.part2.mcap" in check.foreign[0]
+    assert check.missing == ("a.part2.mcap",)
+
+
+def test_a_new_segment_that_the_disk_refuses_leaves_no_file_behind(tmp_path: Path) -> None:
+    with CaptureWriter(tmp_path / "trial.mcap") as trial:
+        trial.attach("station.yaml", "application/yaml", b"x" * 10_000)
+        size = trial.size
+    with (
+        full_disk(size + 20),
+        Recorder(tmp_path / "session.mcap", live=False, segment_bytes=size, last_tries_s=0.1) as recorder,
+    ):
+        recorder.attach("station.yaml", "application/yaml", b"x" * 10_000)
+    assert RecorderKind.SEGMENT in kinds(recorder)
+    assert {path.name for path in tmp_path.iterdir()} == {"trial.mcap", "session.mcap"}
 
 
 def test_a_session_is_never_overwritten(tmp_path: Path) -> None:
