@@ -16,6 +16,7 @@ from drivers.session_file.file_window import FileWindow
 from drivers.session_file.reader import one_file
 from drivers.session_file.records import RX, TX, RecordedMessage
 from drivers.session_file.written_bytes import BLOCK_BYTES, WrittenBytes
+from drivers.whole_file import new_file
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +55,10 @@ def _recover(path: Path, written: WrittenBytes) -> tuple[Path, int]:
     beside = path.with_name(f"{path.stem}.recovered{path.suffix}")
     mended = path.with_name(f".{path.name}.mended")
     try:
-        shutil.copyfile(path, mended)
+        mended.unlink(missing_ok=True)
         offset, tail = written.tail()
-        with mended.open("r+b") as file:
+        with path.open("rb") as source, new_file(mended) as file:
+            shutil.copyfileobj(source, file)
             file.truncate(written.size)
             file.seek(offset)
             file.write(tail)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivers.whole_file import write_whole
+from drivers.whole_file import whole_files
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.files import DAMAGED, damage_code
 from gse.cli.finish import (
@@ -184,8 +184,9 @@ def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output)
         [(_name_of(path), one.session, one.assessment) for path, one in zip(paths, judged, strict=True)]
     )
     folder = _new_folder(output.out, paths[0].parent)
-    write_whole(folder / "sessions.html", [sessions_html(report)])
-    write_whole(folder / "sessions.json", [json.dumps(report, indent=2) + "\n"])
+    with whole_files() as write:
+        write(folder / "sessions.html", [sessions_html(report)])
+        write(folder / "sessions.json", [json.dumps(report, indent=2) + "\n"])
     width = max(len(one["word"]) for one in report["sessions"])
     lines = [*(f"{one['word']:{width}}  {one['name']}" for one in report["sessions"]), ""]
     lines += aligned(TABLE_4_1_HEAD, table_4_1_rows(report))

@@ -44,10 +44,8 @@ def leave_note(folder: Path, text: str, number: int) -> Path:
     ``number`` tells notes apart. UsageError where it cannot be written.
     """
     path = folder / f"note-{number:020d}.txt"
-    unfinished = path.with_name(f".{path.name}.part")
     try:
-        unfinished.write_text(text + "\n", encoding="utf-8")
-        unfinished.replace(path)
+        write_whole(path, [text + "\n"])
     except OSError as error:
         raise UsageError(f"cannot leave a note in {folder}: {error.strerror}") from error
     return path

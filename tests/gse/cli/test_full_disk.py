@@ -53,10 +53,11 @@ def test_no_half_of_a_file_is_left(name: str, given: Path, tmp_path: Path, gse: 
 
 
 def test_a_report_that_found_no_room_names_a_next_step_that_works(given: Path, tmp_path: Path, gse: Gse) -> None:
-    with full_disk(1000):
+    with full_disk(100_000):  # report.html has more, the others less
         done = gse("replay", given / "session.mcap", "--out", tmp_path / "new")
     assert done.code == 3
     assert "make room and repeat this command" in done.err
+    assert [*(tmp_path / "new").rglob("report.*"), *(tmp_path / "new").rglob("junit.xml")] == []
 
 
 def test_a_simulation_that_the_disk_does_not_take_whole_is_told(tmp_path: Path, gse: Gse) -> None:
