@@ -1,13 +1,15 @@
 """Sanitised text from outside, for a terminal, a page or a table.
 
 Whatever a sensor, a file or a server says goes through here before it is shown: a control character (ESC, C1, a change
-of writing direction) or a lone surrogate becomes its escape.
+of writing direction), a lone surrogate, or what no XML file may hold (U+FFFE) becomes its escape. The last door is that
+of the terminal itself (gse/process/terminal.py): there the colours and cursor movements of the program pass, too.
 """
 
 import re
 
 MAX_CHARACTERS = 1000
-_UNFIT = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_UNFIT = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
+_STEERING = re.compile(rf"\x1b\[[0-9;?]*[A-Za-z]|[\n\r\t]|({_UNFIT.pattern})")
 _FORMULA = ("=", "+", "-", "@")
 
 
@@ -20,6 +22,11 @@ def plain_line(text: str) -> str:
 def plain_lines(text: str) -> str:
     """The same of any length, its line ends and tabs kept."""
     return _UNFIT.sub(lambda found: found[0] if found[0] in "\n\t" else _escape(found), text)
+
+
+def terminal_text(text: str) -> str:
+    """What a program prints: the escapes for colours and the cursor pass, and nothing else that steers a terminal."""
+    return _STEERING.sub(lambda found: _escape(found) if found[1] else found[0], text)
 
 
 def is_plain(text: str) -> bool:

@@ -17,6 +17,15 @@ class _Loader(yaml.SafeLoader):
             raise yaml.MarkedYAMLError(problem="aliases (*name) are not allowed here", problem_mark=mark)
         return super().compose_node(parent, index)
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """The value of a node; yaml.MarkedYAMLError where its tag does not fit, as in ``!!timestamp x``."""
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
+            kind = node.tag.rpartition(":")[2]
+            problem = f"{node.value!r:.60} is not a value of the kind {kind!r:.40}"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark) from error
+
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number. Of more than 4,300 digits Python refuses to write it down, even in a message."""
         value = super().construct_yaml_int(node)

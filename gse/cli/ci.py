@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers.outside_text import plain_line
 from drivers.whole_file import write_whole
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.options import IDENTIFIER, PLUG_HELP
@@ -81,7 +82,7 @@ def command(
         raise UsageError("--within compares answers: give --identifier with it, and not --update")
     options, checked = ReplayOptions(speed=speed), []
     for recording in recordings_in(folder):
-        name = recording.relative_to(folder).as_posix().removesuffix(".mcap")
+        name = plain_line(recording.relative_to(folder).as_posix().removesuffix(".mcap"))
         if identifier is None:
             one = check(recording, name, options, update=update)
         else:

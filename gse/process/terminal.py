@@ -6,6 +6,7 @@
   was silent for a second; it is erased before the next text.
 * stderr is written to past Python's buffers, and no error of it is raised: a full disk or a terminal that is gone
   changes no result and no exit code. stdout keeps its buffer and its errors: there, an incomplete result is an error.
+* A text from outside that a command prints as it came cannot steer the terminal (``terminal_text``).
 * ``queued``: while a session runs, a stopped terminal (Ctrl-S), a full or closed pipe, or a full disk does not delay
   its loop. Text goes into a bounded queue with a writing thread, beyond the limit it is dropped, and the session tells
   of it in its events; at the end the process waits only as long as the reader still takes text.
@@ -22,6 +23,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO, cast
+
+from drivers.outside_text import terminal_text
 
 SILENT_S = 0.6
 """The line comes after this silence; with the time that Python takes to start, within a second."""
@@ -148,13 +151,14 @@ class Output:
         """Write the text, or queue it; beyond the limit of the queue it is dropped."""
         if not isinstance(text, str):
             raise TypeError(f"expected text for {self._name}, not {type(text).__name__}")
+        shown = terminal_text(text)
         if self._is_queued:
-            self._queue(text)
+            self._queue(shown)
         elif self._fails:
-            self._make_room(text)
-            self._stream.write(text)
+            self._make_room(shown)
+            self._stream.write(shown)
         else:
-            self._hand_on(text)
+            self._hand_on(shown)
         return len(text)
 
     def writelines(self, texts: Iterable[str]) -> None:

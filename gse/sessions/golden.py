@@ -15,6 +15,7 @@ from typing import Any
 
 from drivers.errors import DriverError
 from drivers.host_files import only_a_file
+from drivers.outside_text import plain_line, plain_lines
 from drivers.session_file.reader import segment_files
 from drivers.whole_file import write_whole
 from gse.config.choice import change_to
@@ -111,10 +112,12 @@ def check(
         if update:
             return _keep(report, recording, name)
     except (GseError, DriverError, ProtocolError) as error:
-        return Checked(name, "", error=str(error))
+        return Checked(name, "", error=plain_lines(str(error)))
     aside = _Aside(takes_digits=may_differ_by_a_digit(machine))
     found = list(_differences(expected, report, "", aside))
-    differences, new, allowed = (tuple(lines[:MOST_DIFFERENCES]) for lines in (found, aside.new, aside.digits))
+    differences, new, allowed = (
+        tuple(map(plain_line, lines[:MOST_DIFFERENCES])) for lines in (found, aside.new, aside.digits)
+    )
     return Checked(name, report["verdict"], differences, new, allowed)
 
 
@@ -135,7 +138,7 @@ def check_answers(
             return Checked(name, verdict, note=kept.text_kept, answers=kept)
         expected.check_session(session)
     except (GseError, DriverError, ProtocolError) as error:
-        return Checked(name, "", error=str(error))
+        return Checked(name, "", error=plain_lines(str(error)))
     answers = compare_answers(expected.rows, rows, within_arcsec=within_arcsec)
     differences = () if answers.is_same else answers.listed or (answers.text,)
     note = "; ".join(text for text in (answers.text, expected.other_program(session)) if text)

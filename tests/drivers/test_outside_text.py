@@ -1,9 +1,12 @@
 """Text from outside, fit to be shown."""
 
+import xml.etree.ElementTree as ET
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.outside_text import MAX_CHARACTERS, is_plain, plain_line, plain_lines, table_cell
+from drivers.outside_text import MAX_CHARACTERS, is_plain, plain_line, plain_lines, table_cell, terminal_text
 
 ANY = st.text(st.characters(exclude_categories=()))
 
@@ -29,3 +32,25 @@ def test_a_long_line_is_cut_and_says_so() -> None:
 @given(ANY)
 def test_no_cell_of_a_table_is_a_formula(text: str) -> None:
     assert not table_cell(text).lstrip().startswith(("=", "+", "-", "@"))
+
+
+@given(ANY)
+def test_an_xml_file_takes_every_line(text: str) -> None:
+    case = ET.Element("case", name=plain_line(text))
+    assert ET.fromstring(ET.tostring(case, encoding="unicode")).get("name") == plain_line(text)
+
+
+@given(ANY)
+def test_a_terminal_gets_no_control_code_but_ends_of_lines(text: str) -> None:
+    shown = terminal_text(text.replace("\x1b[", ""))
+    assert all(is_plain(part) for part in shown.replace("\t", "").replace("\r", "").split("\n"))
+
+
+@pytest.mark.parametrize("text", ["\x1b[31mred\x1b[0m", "\x1b[2K\r\x1b[1A", "\x1b[?25l", "a\tb\n"])
+def test_colours_and_the_cursor_of_the_program_pass_to_the_terminal(text: str) -> None:
+    assert terminal_text(text) == text
+
+
+@pytest.mark.parametrize("text", ["\x1b]0;title\x07", "\x1bP1$r\x1b\\", "\x9b31m", "\x07", "\udcff", "\u202e"])
+def test_titles_bells_and_turned_text_do_not_pass_to_the_terminal(text: str) -> None:
+    assert is_plain(terminal_text(text))

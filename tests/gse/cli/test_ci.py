@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from drivers.outside_text import is_plain
 from gse.cli.ci import command
 from gse.cli.simulate import command as simulate
 from gse.errors import UsageError
@@ -50,6 +51,20 @@ def test_the_same_bytes_give_the_same_report(folder: Path) -> None:
     result = ci(folder)
     assert result.exit_code == 0
     assert result.stdout.splitlines()[-1] == "1 of 1 sessions give the expected report"
+
+
+def test_an_expected_report_of_a_stranger_steers_neither_the_terminal_nor_the_junit_file(
+    folder: Path, tmp_path: Path
+) -> None:
+    keys = ("\x1b]0;pwned\x07\x1b[31m", "x\x00y", "\ud800", "\uffff", "</testcase><script>")
+    (folder / "night.report.json").write_text(json.dumps({"verdict": "PASS", **dict.fromkeys(keys, 1)}))
+    junit = tmp_path / "junit.xml"
+    result = ci(folder, "--junit", junit)
+    assert result.exit_code == 1
+    assert is_plain(result.output.replace("\n", ""))
+    (suite,) = ET.parse(junit).iter("testsuite")
+    text = "".join(suite.itertext())
+    assert all(word in text for word in ("pwned", "x\\x00y", "\\ud800", "\\uffff", "</testcase><script>"))
 
 
 def test_a_processor_that_is_not_of_x86_64_may_change_the_last_printed_digit_and_no_more(folder: Path) -> None:

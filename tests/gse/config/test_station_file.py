@@ -59,6 +59,16 @@ def test_what_is_no_station_file_is_refused_in_words(text: str) -> None:
     assert refusal(text).startswith("roof.yaml")
 
 
+KINDS = ("timestamp", "bool", "int", "float", "binary", "omap", "pairs", "set", "map", "seq", "str", "merge", "x")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("value", ["x", "''", "é", "[1]", "{a: b}", "2020-99-99", "0x", "1:x"])
+def test_a_value_that_is_not_of_the_kind_that_its_tag_says_is_refused_with_its_line(kind: str, value: str) -> None:
+    message = refusal(SMALLEST.replace("52.2", f"!!{kind} {value}"))
+    assert message.startswith("roof.yaml, line 3: ")
+
+
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=5), lambda inner: st.lists(inner)))
 def test_any_value_in_place_of_a_section_is_refused_or_taken_but_never_a_crash(value: object) -> None:
     document = {"version": 1, "sensor": value, "site": value}

@@ -252,6 +252,16 @@ def test_an_error_of_stdout_is_raised_without_a_queue_and_one_of_stderr_never() 
         os.dup2(os.open(os.devnull, os.O_WRONLY), full.fileno())
 
 
+PRINTS = "print('a\\udcffb\\x1b]0;title\\x07'); print('c\\x9b', file=sys.stderr); print('\\x1b[1mbold\\x1b[0m')"
+
+
+def test_a_text_of_a_stranger_that_a_command_prints_as_it_came_does_not_steer_the_terminal() -> None:
+    program = f"import sys; from gse.process import terminal; terminal.start('gse'); {PRINTS}"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert done.stdout == b"a\\udcffb\\x1b]0;title\\x07\n\x1b[1mbold\x1b[0m\n"
+    assert done.stderr == b"c\\x9b\n"
+
+
 def test_closed_standard_streams_are_not_taken_by_a_session_file(tmp_path: Path) -> None:
     script = "import os; from gse.process.terminal import _open_closed_streams as f; f(); print(os.open('x', 65))"
     command = f'"{sys.executable}" -c "{script}" 2>&- <&-'
