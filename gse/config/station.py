@@ -24,7 +24,7 @@ from drivers.host_files import a_file_or_a_shells_pipe
 from drivers.outside_text import is_plain, plain_lines
 from gse.errors import ConfigError
 from gse.values.attitude_convention import AttitudeConvention
-from gse.values.camera import Camera
+from gse.values.camera import LEAST_SCALE, Camera
 from gse.values.identifier_options import IdentifierOptions
 from gse.values.limits import Limits
 from gse.values.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
@@ -137,6 +137,17 @@ class Sensor(_Section):
     """Known hot pixels (x, y)."""
     attitude: AttitudeConvention = AttitudeConvention()
     """The convention of the sensor's own answers (ATTITUDE frames)."""
+
+    @model_validator(mode="after")
+    def _one_to_one(self) -> "Sensor":
+        if place := self.camera().fold():
+            x, y, scale = place
+            raise ValueError(
+                f"the distortion folds the picture at pixel ({x:.0f}, {y:.0f}): the scale there is {scale:.2f} of "
+                f"that at the principal point, expected on the whole detector at least {LEAST_SCALE}; check the signs, "
+                "and that radii are in units of half the columns"
+            )
+        return self
 
     def camera(self) -> Camera:
         """The camera model of this sensor."""

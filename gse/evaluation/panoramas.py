@@ -222,6 +222,8 @@ def _truth(path: Path, name: str, entry: Any) -> tuple[SensorDescription, NDArra
         values = (rows, columns, camera.focal_length_px, ra, de, *camera.principal_point_px)
         if not (all(map(math.isfinite, values)) and min(values[:3]) > 0):
             raise ValueError("a number is not finite, or a size not positive")
+        if camera.fold():
+            raise ValueError(f"a radial_distortion_k1 of {distortion[0]:g} folds the picture over")
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise TableError(
             f"{path}, {name}: {type(error).__name__}: {error}; expected rows, columns, focal_length_px, ra_deg, de_deg"

@@ -59,6 +59,12 @@ def test_what_is_no_station_file_is_refused_in_words(text: str) -> None:
     assert refusal(text).startswith("roof.yaml")
 
 
+def test_a_distortion_that_folds_the_picture_is_refused_with_the_place() -> None:
+    message = refusal(SMALLEST.replace("4000}", "4000, radial_distortion: [-0.25, 0.0]}"))
+    assert message.startswith("roof.yaml, line 2: sensor: the distortion folds the picture at pixel (")
+    assert "radii are in units of half the columns" in message
+
+
 KINDS = ("timestamp", "bool", "int", "float", "binary", "omap", "pairs", "set", "map", "seq", "str", "merge", "x")
 
 

@@ -4,14 +4,57 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from gse.values.camera import Camera
+from gse.values.camera import LEAST_SCALE, Camera
 
 PLAIN = Camera(1024, 1024, 4170.0, (511.5, 511.5))
 DISTORTED = Camera(768, 1024, 5113.75, (511.5, 383.5), (-0.0011, 0.0002))
+PLACES = np.stack(np.meshgrid(np.linspace(-0.5, 1023.5, 17), np.linspace(-0.5, 767.5, 13)), axis=-1).reshape(-1, 2)
 MIRRORED = Camera(768, 1024, 5113.75, (500.0, 390.0), (-0.0011, 0.0), mirrored=True)
+
+
+_TERM = st.floats(-1, 1) | st.floats(-0.1, 0.1) | st.just(0.0)
+
+
+@given(st.tuples(_TERM, _TERM), st.tuples(_TERM, _TERM), st.tuples(st.floats(-300, 1300), st.floats(-300, 1300)))
+@example((0.5, 0.0), (0.0, 0.0), (511.5, 383.5))
+@example((0.3, 0.1), (0.0, 0.0), (511.5, 383.5))
+@example((1.0, -0.3), (0.0, 0.0), (511.5, 383.5))
+@example((-0.5, 0.2), (0.05, -0.05), (511.5, 383.5))
+def test_every_pixel_comes_back_through_every_lens_that_does_not_fold_the_detector(
+    k: tuple[float, float], p: tuple[float, float], centre: tuple[float, float]
+) -> None:
+    camera = Camera(768, 1024, 5113.75, centre, k, tangential_distortion=p)
+    assume(camera.fold() is None)
+    assert np.abs(camera.pixels(camera.directions(PLACES)) - PLACES).max() < 1e-6
+
+
+@pytest.mark.parametrize("k", [(-0.2, 0.0), (-0.5, 0.0), (0.1, -0.1), (-1.0, 0.4)])
+def test_a_lens_that_folds_the_detector_is_told_with_the_place_where_two_pixels_look_the_same_way(k) -> None:
+    camera = Camera(1024, 1024, 4170.0, (511.5, 511.5), k)
+    place = camera.fold()
+    assert place is not None
+    x, y, scale = place
+    assert scale < LEAST_SCALE
+    outwards = np.array([x, y]) - 511.5
+    along = camera.directions(511.5 + outwards * np.linspace(0, 1, 1000)[:, None])
+    from_axis = np.hypot(along[:, 0], along[:, 1]) / along[:, 2]
+    assert (np.diff(from_axis) < 0).any()
+
+
+def test_a_lens_close_to_folding_in_a_corner_is_told_and_one_that_is_not_is_not() -> None:
+    # 1 + 3 k1 s^2 is 0 where s^2 = 2, in the corner, for k1 = -1/6
+    assert Camera(1024, 1024, 4170.0, (511.5, 511.5), (-0.1656, 0.0)).fold() is not None
+    assert Camera(1024, 1024, 4170.0, (511.5, 511.5), (-0.1620, 0.0)).fold() is None
+
+
+def test_a_direction_that_no_pixel_looks_in_has_none() -> None:
+    # with k1 = -0.15 no offset becomes more than 1.49 * 2 / 3 half widths
+    camera = Camera(1024, 1024, 512.0, (511.5, 511.5), (-0.15, 0.0))
+    assert np.isnan(camera.pixels(np.array([[1.1, 0.0, 1.0], [np.nan, 0.0, 1.0], [0.1, 0.0, -1.0]]))).all()
+    assert camera.pixels(np.array([[0.9, 0.0, 1.0]]))[0, 0] > 511.5
 
 
 @given(st.sampled_from([PLAIN, DISTORTED, MIRRORED]), st.floats(-0.5, 1023.5), st.floats(-0.5, 767.5))
