@@ -6,6 +6,7 @@ so that no NaN and no RA of 400 deg goes further.
 
 import json
 import math
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeGuard
@@ -28,6 +29,7 @@ _KEYS = frozenset(
     )
 )
 _NUMBERS = (int, float)
+_STAR = re.compile("-?[0-9]{1,19}")
 _SCALAR_FIRST, _SCALAR_LAST = "scalar-first", "scalar-last"
 _TO_SENSOR, _TO_ICRS = "icrs-to-sensor", "sensor-to-icrs"
 
@@ -84,6 +86,11 @@ class ExternalAnswer:
     star_ids: NDArray[np.int64]
     elapsed_us: float | None
     call_us: float | None = None
+
+    @property
+    def stars_named(self) -> int:
+        """Stars that it names; beside an answer that is none they do not count."""
+        return len(self.star_ids) if self.attitude is not None else 0
 
 
 def parse_line(line: bytes, frame_no: int, objects: int) -> ExternalAnswer | Failure:
@@ -167,14 +174,23 @@ def _matches(matches: Any, objects: int) -> tuple[NDArray[np.int64], NDArray[np.
     rows, stars = [], []
     for match in matches:
         named: dict[str, Any] = match if isinstance(match, dict) else {}
-        row, star = named.get("object"), named.get("star")
+        row, star = named.get("object"), _star(named.get("star"))
         if not (_is_whole(row) and 0 <= row < objects and row not in rows):
             raise ValueError(f"matches has {match!r:.60}: expected an object from 0 to {objects - 1}, each once")
-        if not (_is_whole(star) and abs(star) < 2**63):
-            raise ValueError(f"matches has {match!r:.60}: expected the number of a star in the catalogue")
+        if star is None:
+            raise ValueError(
+                f"matches has {match!r:.60}: expected the number of a star in the catalogue, whole or as text"
+            )
         rows.append(row)
         stars.append(star)
     return np.array(rows, dtype=np.int64), np.array(stars, dtype=np.int64)
+
+
+def _star(value: Any) -> int | None:
+    """The number of a star, from a whole number or from its digits: programs with doubles alone keep 53 bits of 64."""
+    if isinstance(value, str) and _STAR.fullmatch(value):
+        value = int(value)
+    return value if _is_whole(value) and abs(value) < 2**63 else None
 
 
 def _number(document: dict[str, Any], key: str, low: float, high: float) -> float:

@@ -41,19 +41,26 @@ class Given:
 
 @dataclass(slots=True)
 class ExternalCounts:
-    """Panoramas by what was given for them; ``own_times`` of the answers state a time by their own clock."""
+    """Panoramas by what was given for them; ``own_times`` of the answers state a time by their own clock.
+
+    ``stars_named`` counts the stars that answers name, ``stars_unknown`` those of them that no catalogue has.
+    """
 
     answers: int = 0
     own_times: int = 0
+    stars_named: int = 0
+    stars_unknown: int = 0
     failures: Counter[str] = field(default_factory=Counter)
 
-    def count(self, given: Given) -> None:
-        """Count what was given for one panorama."""
+    def count(self, given: Given, known_stars: int) -> None:
+        """Count what was given for one panorama; the catalogue has so many of the stars that it names."""
         if isinstance(given.answer, Failure):
             self.failures[given.answer.kind.value] += 1
         else:
             self.answers += 1
             self.own_times += given.has_own_time
+            self.stars_named += given.answer.stars_named
+            self.stars_unknown += max(given.answer.stars_named - known_stars, 0)
 
 
 class AnswerSource(Protocol):

@@ -126,6 +126,8 @@ def external_identifier(session: SessionData) -> dict[str, Any] | None:
         **{key: value for key, value in session.external.items() if key != "schema"},
         "answers": counts.answers,
         "failures": dict(sorted(counts.failures.items())),
+        "stars_named": counts.stars_named,
+        "stars_unknown": counts.stars_unknown,
         "time_of": time_of,
     }
 

@@ -122,12 +122,18 @@ def facts(report: dict[str, Any]) -> list[str]:
 
 
 def external_lines(program: dict[str, Any] | None) -> list[str]:
-    """The external identifier with its failures, in a line; none of a session without one."""
+    """The external identifier with its failures, and stars that do not exist; none of a session without one."""
     if program is None:
         return []
     failures = ", ".join(f"{count} {kind}" for kind, count in program["failures"].items()) or "no failure"
     name = f"{program['name']}, version {program['version']}"
-    return [f"external identifier: {name}: {program['answers']} answers, {failures}"]
+    lines = [f"external identifier: {name}: {program['answers']} answers, {failures}"]
+    if unknown := program.get("stars_unknown"):
+        lines.append(
+            f"{unknown} of the {program['stars_named']} stars that it names are in no catalogue: a program with "
+            'doubles has to write their numbers as text, "star": "5853498713190525696"'
+        )
+    return lines
 
 
 def sky_lines(sky: dict[str, Any] | None) -> list[str]:

@@ -144,17 +144,17 @@ def export_mcap(session: Path, tables: SessionTables, out: Path) -> int:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(library=_LIBRARY)
         topics = _Topics(writer, [*_topics(tables.frames)])
-        for utc_ns, topic, publish_ns, data in heapq.merge(
+        for utc_ns, topic, data in heapq.merge(
             _bytes(session, writer), _results(tables, topics.of_frames), key=lambda message: message[0]
         ):
             count += topic.startswith("/results/")
-            writer.add_message(topics.channel(topic), log_time=utc_ns, publish_time=publish_ns, data=data)
+            writer.add_message(topics.channel(topic), log_time=utc_ns, publish_time=utc_ns, data=data)
         writer.finish()
     return count
 
 
-_Item = tuple[int, str, int, bytes]
-"""Instant, topic, publish time, content."""
+_Item = tuple[int, str, bytes]
+"""Instant (log time and publish time), topic, content. A session has the monotonic clock as publish time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +222,7 @@ def _bytes(session: Path, writer: Writer) -> Iterator[_Item]:
         if isinstance(record, Attachment):
             writer.add_attachment(0, 0, record.name, record.media_type, record.data)
         elif isinstance(record, RecordedMessage):
-            yield record.utc_ns, record.topic, record.mono_ns, record.data
+            yield record.utc_ns, record.topic, record.data
 
 
 def _results(tables: SessionTables, topics: list[_Topic]) -> Iterator[_Item]:
@@ -233,9 +233,9 @@ def _results(tables: SessionTables, topics: list[_Topic]) -> Iterator[_Item]:
         for number, utc_ns in enumerate(instants_ns):
             last_ns = max(last_ns, utc_ns)
             for topic in topics:
-                yield utc_ns, topic.name, utc_ns, json.dumps(rows[topic.name][number]).encode()
+                yield utc_ns, topic.name, json.dumps(rows[topic.name][number]).encode()
     verdict = {name: tables.sessions[name][0].as_py() for name in ("verdict", "reasons")}
-    yield last_ns, VERDICT, last_ns, json.dumps(verdict).encode()
+    yield last_ns, VERDICT, json.dumps(verdict).encode()
 
 
 def _documents(batch: pa.RecordBatch, topic: _Topic) -> list[dict[str, Any]]:

@@ -124,7 +124,7 @@ class ResultEvents:
 def _external(results: FrameResults, session: SessionData) -> Iterator[tuple[int, LinkEvent]]:
     """What an external identifier did is counted; its failures are events."""
     for k, given in results.given.items():
-        session.external_counts.count(given)
+        session.external_counts.count(given, int(results.answers.parts.counts[k]))
         if isinstance(given.answer, Failure):
             kind, text = _failure_words(given.answer, int(results.panoramas.frame_no[k]))
             if kind is StationKind.IDENTIFIER_FAULT or session.external_counts.failures[FailureKind.GIVEN_UP] == 1:

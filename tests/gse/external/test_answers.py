@@ -62,6 +62,10 @@ def test_numbers_beside_a_word_for_no_answer_are_what_was_left_there(status, is_
         {"matches": [{"object": True, "star": 1}]},
         {"matches": [{"object": 0, "star": 2**63}]},
         {"matches": {"object": 0, "star": 1}},
+        {"matches": [{"object": 0, "star": "9223372036854775808"}]},
+        {"matches": [{"object": 0, "star": "Gaia DR3 1"}]},
+        {"matches": [{"object": 0, "star": "1e18"}]},
+        {"matches": [{"object": 0, "star": 1e18}]},
         {"status": 3},
         {"status": "IDENTIFIED", "ra_deg": None, "de_deg": None},
     ],
@@ -82,6 +86,12 @@ def test_no_answer_ever_raises_or_carries_what_is_no_number(document):
 @given(line=st.binary(max_size=80))
 def test_no_line_ever_raises(line):
     parse_line(line, 1, 3)
+
+
+@pytest.mark.parametrize("star", [5853498713190525696, -118218, 2**63 - 1])
+def test_the_number_of_a_star_may_be_text(star):
+    documents = ({"frame_no": 0, "matches": [{"object": 0, "star": form}]} for form in (star, str(star)))
+    assert [parse_answer(document, 0, 1).star_ids.tolist() for document in documents] == [[star], [star]]
 
 
 def test_ra_and_de_alone_are_enough_and_no_answer_says_why():

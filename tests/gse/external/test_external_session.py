@@ -10,6 +10,7 @@ from gse.cli import main
 from gse.config.choice import change_to
 from gse.config.station import BUILT_IN_TEXT
 from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC
+from gse.report.terminal import external_lines
 from gse.sessions.replay import replay_session
 from gse.station.frame_json import frame_json
 
@@ -103,6 +104,29 @@ def test_a_comparison_names_the_failures_of_each_side(sessions, gse):
     document = json.loads(gse("compare", *sessions, "--json").out)
     assert list(document["external_identifiers"]) == ["second"]
     assert document["external_identifiers"]["second"]["failures"] == {"CRASH": 1}
+
+
+@pytest.mark.parametrize(("number", "unknown"), [("int(float(star))", True), ("star", False), ("int(star)", False)])
+def test_stars_that_no_catalogue_has_are_counted_and_text_keeps_every_digit_of_a_number(
+    sessions, folder, gse, number, unknown
+):
+    body = (
+        f"own = {{f['frame_no']: f for f in map(json.loads, open({str(folder / 'own.ndjson')!r}))}}\n"
+        "for line in sys.stdin:\n"
+        "    f = own[json.loads(line)['frame_no']]\n"
+        "    names = [(match['object'], match['star'].partition('Gaia DR3 ')[2]) for match in f['matches']]\n"
+        f"    stars = [{{'object': row, 'star': {number}}} for row, star in names if star]\n"
+        "    answer(f, ra_deg=f['ra_deg'], de_deg=f['de_deg'], matches=stars)\n"
+    )
+    script = program(folder, body, name="named.py")
+    done = gse("replay", sessions[0], "--identifier", f"command:{script}", "--json")
+    external = json.loads(done.out)["external_identifier"]
+    assert external["stars_named"] > 1000
+    assert (external["stars_unknown"] > 0.5 * external["stars_named"]) is unknown
+    assert external["stars_unknown"] == 0 or unknown
+    lines = external_lines(external)
+    assert len(lines) == 1 + unknown
+    assert not unknown or "are in no catalogue: has to write their numbers as text" in lines[1]
 
 
 def test_the_sky_is_as_clear_where_a_program_names_few_stars_or_fails(sessions, folder):

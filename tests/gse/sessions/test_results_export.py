@@ -43,6 +43,7 @@ def test_results_are_topics_with_a_schema_beside_the_bytes(gse, session: Path, t
     with (tmp_path / "results.mcap").open("rb") as file:
         found = [(schema, channel, message) for schema, channel, message in make_reader(file).iter_messages()]
     assert [message.log_time for _, _, message in found] == sorted(message.log_time for _, _, message in found)
+    assert all(message.publish_time == message.log_time for _, _, message in found)
     raw = b"".join(message.data for _, channel, message in found if channel.topic == RX)
     assert raw == b"".join(message.data for message in messages(session, RX))
     onboard = [(schema, message) for schema, channel, message in found if channel.topic == "/results/onboard"]

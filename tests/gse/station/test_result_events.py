@@ -9,7 +9,7 @@ from skies.one_by_one import Made, add_frame, results_of
 
 from drivers.chunk import LinkEvent
 from gse.config.station import BUILT_IN_TEXT
-from gse.external.answers import Failure, FailureKind
+from gse.external.answers import Failure, FailureKind, parse_answer
 from gse.external.identifier import Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.station.loop import ResultEvents
@@ -60,7 +60,7 @@ def stored(count, session, *, reasons=(), failed=None):
         made.append(Made(panorama, Status.NO_MATCH, "", "neighbour"))
         if failed is not None:
             fault = Failure(FailureKind.CRASH, "it ended") if number - first == failed else None
-            made[-1] = replace(made[-1], given=Given(fault or object(), 1.0))
+            made[-1] = replace(made[-1], given=Given(fault or parse_answer({"frame_no": 0}, 0, 0), 1.0))
         add_frame(session.frames, made[-1])
     answers = [dict(reasons).get(place, FOUND) for place in range(count)]
     return replace(results_of(made), answers=Answers.from_answers(answers))
