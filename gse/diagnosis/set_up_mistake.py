@@ -70,12 +70,20 @@ def _left_without(session: SessionData, counted: CountedFrames, finding: Finding
 
 
 def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -> bool:
-    """Whether under it no panorama was identified, by the reference neither, or only with some of its stars."""
+    """Whether it is a camera with which the reference cannot answer either, or instead of which another one serves.
+
+    A built-in identifier answers with the camera that was found (gse.station.camera_watch). That is not asked of an
+    external program: where the reference answers with the camera that is stated, the program could have answered.
+    """
     frames = session.frames.columns
+    unknown = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    known = int((counted.expected & ~unknown).sum())
+    if session.station.identifier.algorithm == "external" and 2 * known >= max(int(counted.expected.sum()), 1):
+        return False
     if (frames["status"] == STATUSES.index(Status.IDENTIFIED)).any():
         return finding.cause in STARS_FALL_OUT and stars_fall_out(frames, counted.used)
     if finding.cause == _NOTHING:
-        return bool((frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)).all())
+        return bool(unknown.all())
     kinds = {event.kind for event in session.events}
     return _OF_CAMERA.get(finding.cause) in kinds
 

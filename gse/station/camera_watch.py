@@ -1,16 +1,20 @@
 """Search for a camera that the station file states wrongly, while nothing is identified.
 
 A mirrored image gets that finding alone, unless its focal length is also wrong by more than an identifier tolerates.
+Nothing is said where the stated camera fits, and where a built-in identifier under test does not answer with the camera
+that was found: then its silence has another reason.
 """
 
 from collections.abc import Sequence
 
 from gse.catalog import StarCatalog, mission_catalog
+from gse.identifier import ObjectColumns, make_identifier
 from gse.identifier.camera_search import TOLERATED, find_camera
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult
 from gse.station.results import Status
 from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
 from gse.values.instant import NS_PER_S
 from gse.values.panorama import Panorama
 from gse.values.text import percent
@@ -27,8 +31,8 @@ _FEWEST_OBJECTS = 7
 class CameraWatch:
     """Looks at panoramas until one is identified, or the true camera is found."""
 
-    def __init__(self, camera: Camera, catalog: StarCatalog) -> None:
-        self._camera, self._catalog = camera, catalog
+    def __init__(self, camera: Camera, catalog: StarCatalog, subject: IdentifierOptions) -> None:
+        self._camera, self._catalog, self._subject = camera, catalog, subject
         self._first: Panorama | None = None
         self._latest: Panorama | None = None
         self._after_s = _FIRST_AFTER_S
@@ -64,11 +68,29 @@ class CameraWatch:
         self._latest = None
         found = find_camera(panoramas, self._camera, mission_catalog(self._catalog, self._camera, "auto"))
         self._is_over = found is not None
-        return _in_words(self._camera, found.camera) if found else None
+        if found is None or _fits(self._camera, found.camera) or not self._answers(panoramas, found.camera):
+            return None
+        return _in_words(self._camera, found.camera)
+
+    def _answers(self, panoramas: Sequence[Panorama], camera: Camera) -> bool:
+        """Whether the identifier under test answers with a camera; a program of somebody else is not asked again."""
+        if self._subject.algorithm == "external":
+            return True
+        seen = [(camera.directions(panorama.xy_px), panorama.brightness) for panorama in panoramas]
+        identifier = make_identifier(self._subject, camera, self._catalog)
+        return bool(identifier.identify_many(ObjectColumns.from_panoramas(seen)).named.any())
+
+
+def _excess(stated: Camera, fitted: Camera) -> float:
+    return stated.focal_length_px / fitted.focal_length_px - 1
+
+
+def _fits(stated: Camera, fitted: Camera) -> bool:
+    return fitted.mirrored == stated.mirrored and abs(_excess(stated, fitted)) <= TOLERATED
 
 
 def _in_words(stated: Camera, fitted: Camera) -> Said:
-    excess = stated.focal_length_px / fitted.focal_length_px - 1
+    excess = _excess(stated, fitted)
     length = (
         f"sensor.focal_length_px: {fitted.focal_length_px:.1f}; stated is {stated.focal_length_px:g}, "
         f"{percent(abs(excess), 1)} too {'long' if excess > 0 else 'short'}"

@@ -269,7 +269,8 @@ class StationLoop:
         self._event_log = EventLog()
         stated_mag = station.sensor.zero_point_mag
         self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount, stated_mag=stated_mag)
-        self._result_events = ResultEvents(self.sky, CameraWatch(setup.camera, setup.identifier.catalog))
+        camera = CameraWatch(setup.camera, setup.identifier.catalog, setup.station.identifier)
+        self._result_events = ResultEvents(self.sky, camera)
 
     def run(
         self,

@@ -64,6 +64,34 @@ def test_without_a_star_for_the_reference_identifier_either_nothing_tells_sky_an
     assert (mistake_in(made, "nothing identified") is not None) == is_mistake
 
 
+EXTERNAL = replace(STATION.identifier, algorithm="external", command=("./onboard",))
+
+
+@pytest.mark.parametrize(("known", "is_mistake"), [(0, True), (9, True), (10, False), (20, False)])
+@pytest.mark.parametrize("check", [AnswerCheck.ABSENT, AnswerCheck.CORRECT])
+def test_no_camera_excuses_an_external_program_where_the_reference_answers_with_the_one_that_is_stated(
+    known, is_mistake, check
+):
+    made = session(20)
+    made.events = [LinkEvent(START_NS, 0, "WRONG_CAMERA", "")]
+    made.frames.columns["status"] = STATUSES.index(Status.NO_MATCH)
+    made.frames.columns["objects"] = 20
+    made.station = STATION.model_copy(update={"identifier": EXTERNAL})
+    made.frames.columns["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    made.frames.columns["answer_check"][:known] = ANSWER_CHECKS.index(check)
+    assert (mistake_in(made, "focal length") is not None) == is_mistake
+    made.station = STATION
+    assert mistake_in(made, "focal length") is not None  # which a built-in one answers with
+
+
+@pytest.mark.parametrize(("check", "is_mistake"), [(AnswerCheck.UNKNOWN, True), (AnswerCheck.CORRECT, False)])
+def test_nor_do_stars_out_of_place_that_the_reference_knows(check, is_mistake):
+    made = partly_seen(20)
+    made.station = STATION.model_copy(update={"identifier": EXTERNAL})
+    made.frames.columns["answer_check"] = ANSWER_CHECKS.index(check)
+    assert (mistake_in(made, "distortion") is not None) == is_mistake
+
+
 def test_a_camera_under_which_one_panorama_was_identified_is_none():
     made = session(1)
     made.events = [LinkEvent(START_NS, 0, "MIRRORED", "")]

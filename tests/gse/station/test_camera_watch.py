@@ -12,10 +12,12 @@ from gse.station.camera_watch import CameraWatch, _in_words
 from gse.station.events import StationKind
 from gse.station.results import Status
 from gse.values.camera import Camera
+from gse.values.identifier_options import IdentifierOptions
 from gse.values.instant import NS_PER_S
 from gse.values.panorama import Panorama
 
 TRUE = Camera(1024, 1024, 4300.0, (511.5, 511.5))
+NEIGHBOUR = IdentifierOptions()
 STATED = replace(TRUE, focal_length_px=1.03 * 4300.0)
 
 
@@ -40,7 +42,7 @@ def look(watch, result):
 
 
 def test_it_is_named_with_value_and_size_five_seconds_after_the_first_panorama(catalog, stars_px):
-    watch = CameraWatch(STATED, catalog)
+    watch = CameraWatch(STATED, catalog, NEIGHBOUR)
     texts = [look(watch, seen(stars_px, at_s)) for at_s in (100, 104.9, 105.1, 200)]
     assert [bool(text) for text in texts] == [False, False, True, False]
     assert "focal_length_px: 4300." in texts[2]
@@ -48,7 +50,7 @@ def test_it_is_named_with_value_and_size_five_seconds_after_the_first_panorama(c
 
 
 def test_a_short_session_is_looked_at_when_it_ends(catalog, stars_px):
-    watch = CameraWatch(STATED, catalog)
+    watch = CameraWatch(STATED, catalog, NEIGHBOUR)
     assert look(watch, seen(stars_px, 0)) == ""
     kind, text = watch.finish()
     assert (kind, "3.0 % too long" in text) == (StationKind.WRONG_CAMERA, True)
@@ -56,7 +58,7 @@ def test_a_short_session_is_looked_at_when_it_ends(catalog, stars_px):
 
 
 def test_an_answer_ends_the_watch(catalog, stars_px):
-    watch = CameraWatch(STATED, catalog)
+    watch = CameraWatch(STATED, catalog, NEIGHBOUR)
     look(watch, seen(stars_px, 0, Status.IDENTIFIED))
     look(watch, seen(stars_px, 1))
     assert look(watch, seen(stars_px, 100)) == ""
@@ -64,14 +66,14 @@ def test_an_answer_ends_the_watch(catalog, stars_px):
 
 
 def test_a_search_that_finds_nothing_is_repeated_after_ten_times_as_long(catalog, stars_px):
-    watch, noise = CameraWatch(STATED, catalog), np.random.default_rng(1).uniform(0, 1023, (28, 2))
+    watch, noise = CameraWatch(STATED, catalog, NEIGHBOUR), np.random.default_rng(1).uniform(0, 1023, (28, 2))
     assert look(watch, seen(noise, 0)) == look(watch, seen(noise, 6)) == ""
     assert look(watch, seen(stars_px, 49)) == ""
     assert "3.0 % too long" in look(watch, seen(stars_px, 51))
 
 
 def test_six_objects_are_too_few_to_begin_the_watch(catalog, stars_px):
-    watch = CameraWatch(STATED, catalog)
+    watch = CameraWatch(STATED, catalog, NEIGHBOUR)
     assert look(watch, seen(stars_px[:6], 0)) == look(watch, seen(stars_px, 6)) == ""
     assert "3.0 % too long" in look(watch, seen(stars_px, 11.1))
 
@@ -86,12 +88,29 @@ def test_six_objects_are_too_few_to_begin_the_watch(catalog, stars_px):
 )
 def test_a_mirrored_image_is_no_focal_length_as_well_unless_that_is_wrong_too(catalog, stars_px, scale, text):
     stated = replace(TRUE, focal_length_px=scale * TRUE.focal_length_px)
-    watch = CameraWatch(stated, catalog)
+    watch = CameraWatch(stated, catalog, NEIGHBOUR)
     assert watch.look([seen(stars_px * (-1, 1) + (TRUE.columns - 1, 0), 0)]) == []
     kind, said = watch.finish()
     assert kind is StationKind.MIRRORED
     assert said.startswith(text)
     assert ("focal" in said) == (scale > 1.01)
+
+
+@pytest.mark.parametrize(("off", "is_said"), [(0.0, False), (0.0015, False), (0.01, True)])
+@pytest.mark.parametrize("algorithm", ["neighbour", "external"])
+def test_a_camera_that_is_as_stated_has_nothing_to_do_with_an_identifier_that_is_silent(
+    catalog, stars_px, off, is_said, algorithm
+):
+    options = IdentifierOptions(algorithm=algorithm, command=("never",) if algorithm == "external" else None)
+    watch = CameraWatch(replace(TRUE, focal_length_px=(1 + off) * TRUE.focal_length_px), catalog, options)
+    assert watch.look([seen(stars_px, 0)]) == []
+    assert (watch.finish() is not None) is is_said
+
+
+def test_another_camera_is_not_named_where_the_identifier_does_not_answer_with_it_either(catalog, stars_px):
+    watch = CameraWatch(STATED, catalog, IdentifierOptions(min_fit=29))  # more stars than there are objects
+    assert watch.look([seen(stars_px, 0)]) == []
+    assert watch.finish() is None
 
 
 # Of few objects and few stars, which fit no camera
@@ -105,7 +124,7 @@ def few(objects, at_s, status=Status.NO_MATCH):
 
 @pytest.mark.parametrize(("objects", "begins"), [(6, False), (7, True), (8, True)])
 def test_seven_objects_begin_the_watch(objects, begins):
-    watch = CameraWatch(STATED, FEW_STARS)
+    watch = CameraWatch(STATED, FEW_STARS, NEIGHBOUR)
     assert watch.look([few(objects, 3)]) == []
     assert (watch._first is not None) is begins
 
@@ -120,20 +139,20 @@ def test_seven_objects_begin_the_watch(objects, begins):
     ],
 )
 def test_it_is_searched_after_five_seconds_then_after_fifty_of_the_first_panorama(times_s, after_s):
-    watch = CameraWatch(STATED, FEW_STARS)
+    watch = CameraWatch(STATED, FEW_STARS, NEIGHBOUR)
     assert watch.look([few(7, at_s) for at_s in times_s]) == []
     assert watch._after_s == after_s
 
 
 @pytest.mark.parametrize("status", [Status.TOO_FEW, Status.AMBIGUOUS, Status.SENSOR_FAULT, Status.IDENTIFIER_FAULT])
 def test_only_panoramas_without_a_match_are_looked_at(status):
-    watch = CameraWatch(STATED, FEW_STARS)
+    watch = CameraWatch(STATED, FEW_STARS, NEIGHBOUR)
     watch.look([few(7, 0, status)])
     assert (watch._first, watch.finish()) == (None, None)
 
 
 def test_of_results_that_come_together_all_are_looked_at_until_one_is_identified():
-    watch = CameraWatch(STATED, FEW_STARS)
+    watch = CameraWatch(STATED, FEW_STARS, NEIGHBOUR)
     assert watch.look([few(7, 0), few(7, 1), few(7, 2, Status.IDENTIFIED), few(7, 60)]) == []
     assert watch._latest.utc_ns == NS_PER_S
     assert watch.finish() is None
