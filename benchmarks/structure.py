@@ -31,6 +31,9 @@ BEFORE = "ff1ed200"
 NAMES_OF_OTHERS = {"Serial"}
 """pyserial looks for a class of this name in each module of a URL handler."""
 
+PUBLIC_OF_OTHERS = {"_replace", "_asdict", "_fields", "_exit"}
+"""Of named tuples, and of os: no private names although they begin like one."""
+
 WALKED = ("clear", "faults", "own-answers")
 """Golden replays that are traced: all well, damaged bytes, and a sensor with answers of its own."""
 
@@ -50,6 +53,16 @@ class Longest:
 
 
 @dataclass(frozen=True, slots=True)
+class SuiteCounts:
+    """What binds tests to the inside of the product."""
+
+    functions: int
+    private_imports: int
+    touch_private: int
+    both_sides: int
+
+
+@dataclass(frozen=True, slots=True)
 class Structure:
     """What is counted of one revision."""
 
@@ -66,6 +79,7 @@ class Structure:
     longest_module: Longest
     code_lines: int
     test_lines: int
+    tests: "SuiteCounts"
 
     def rows(self) -> list[tuple[str, str]]:
         """What is counted, in words, and how many."""
@@ -84,6 +98,10 @@ class Structure:
             ("lines of code", str(self.code_lines)),
             ("lines of tests", str(self.test_lines)),
             ("tests / code", f"{self.test_lines / self.code_lines:.2f}"),
+            ("test functions", str(self.tests.functions)),
+            ("private names that tests import", str(self.tests.private_imports)),
+            ("tests that touch a private name", str(self.tests.touch_private)),
+            ("tests with literals on both sides of a threshold", str(self.tests.both_sides)),
         ]
 
 
@@ -130,7 +148,73 @@ def structure_of(sources: Sources) -> Structure:
         longest_module=Longest(longest, lengths[longest]),
         code_lines=sum(lengths.values()),
         test_lines=sum(text.count("\n") for path, text in sources.items() if path.startswith("tests/")),
+        tests=test_counts(sources),
     )
+
+
+def test_counts(sources: Sources) -> SuiteCounts:
+    """Count over all test files; what a test's own helpers touch is not counted for it."""
+    thresholds = {name: _thresholds(text) for name, text in _modules(sources).items()}
+    functions = imported = touching = both_sides = 0
+    for path, text in sources.items():
+        if not path.startswith("tests/"):
+            continue
+        tree = ast.parse(text)
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and _is_ours(node)]
+        private = {alias.asname or alias.name for node in imports for alias in node.names if alias.name[0] == "_"}
+        near = [value for node in imports for value in thresholds.get(str(node.module), ())]
+        own = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)} | _set_on_self(tree)
+        tests = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
+        functions += len(tests)
+        imported += len(private)
+        touching += sum(_touches(test, private, own) for test in tests)
+        both_sides += sum(_straddles(test, near) for test in tests)
+    return SuiteCounts(functions, imported, touching, both_sides)
+
+
+def _is_ours(node: ast.ImportFrom) -> bool:
+    return (node.module or "").partition(".")[0] in PACKAGES
+
+
+def _thresholds(text: str) -> list[float]:
+    """The numbers that module constants are, without 0, 1 and 2, which stand everywhere."""
+    values = (node.value for node in ast.parse(text).body if isinstance(node, ast.Assign))
+    return [number for value in values for number in _number(value) if number not in (0, 1, 2)]
+
+
+def _number(node: ast.expr) -> Iterator[float]:
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
+        yield float(node.value)
+
+
+def _set_on_self(tree: ast.AST) -> set[str]:
+    """Names that classes of a test file give to themselves."""
+    attributes = (node for node in ast.walk(tree) if isinstance(node, ast.Attribute))
+    return {node.attr for node in attributes if isinstance(node.value, ast.Name) and node.value.id == "self"}
+
+
+def _touches(test: ast.AST, private: set[str], own: set[str]) -> bool:
+    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
+    attributes = {node.attr for node in ast.walk(test) if isinstance(node, ast.Attribute)} - own - PUBLIC_OF_OTHERS
+    return bool(names & private) or any(name[0] == "_" and name[:2] != "__" for name in attributes)
+
+
+def _straddles(test: ast.FunctionDef, thresholds: list[float]) -> bool:
+    """Whether two cases of a parameter stand at a threshold from both sides, by 1 or a tenth: one may be it."""
+    for values in (column for decorator in test.decorator_list for column in _columns(decorator)):
+        for limit in thresholds:
+            near = [value for value in values if abs(value - limit) <= max(0.1 * abs(limit), float(limit % 1 == 0))]
+            if near and min(near) <= limit <= max(near) and min(near) < max(near):
+                return True
+    return False
+
+
+def _columns(decorator: ast.expr) -> Iterator[list[float]]:
+    """The numbers that each parameter of a ``parametrize`` takes."""
+    if isinstance(decorator, ast.Call) and len(decorator.args) > 1 and isinstance(decorator.args[1], ast.List):
+        rows = [row.elts if isinstance(row, ast.Tuple) else [row] for row in decorator.args[1].elts]
+        for column in zip(*rows, strict=False):
+            yield [number for cell in column for number in _number(cell)]
 
 
 def _modules(sources: Sources) -> dict[str, str]:
