@@ -6,7 +6,7 @@ import pytest
 from gse.errors import UsageError
 from gse.station.columns import FRAME
 from gse.station.events import ClockStep, StationKind
-from gse.station.exclusions import Cause, Exclusion, _burst, _read_at_once, excluded, exclusions, parse_exclusion
+from gse.station.exclusions import AROUND_STEP_NS, Cause, Exclusion, excluded, exclusions, parse_exclusion
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -40,77 +40,12 @@ def test_a_buffer_is_told_until_the_first_step_of_the_clock(first, step_rows, is
     assert (Cause.CLOCK_STEP in causes) == bool(step_rows)
 
 
-def test_each_step_of_the_clock_is_left_out_on_both_of_its_sides():
-    stretches = [item for item in frames_with_a_burst_at(0, step_rows=(150,)) if item.cause is Cause.CLOCK_STEP]
-    old_ns, new_ns = START_NS + 15 * NS_PER_S, START_NS + 35 * NS_PER_S
-    around = {(item.from_ns, item.until_ns) for item in stretches}
-    assert (old_ns - 5 * NS_PER_S, old_ns + 5 * NS_PER_S) in around
-    assert (new_ns - 5 * NS_PER_S, new_ns + 5 * NS_PER_S) in around
-    assert {item.time_error_s for item in stretches} == {20.0}
-
-
-@pytest.mark.parametrize(("step_s", "words"), [(-20.0, "20 s ahead of"), (20.0, "20 s behind what")])
-def test_all_frames_of_a_clock_that_was_far_off_are_left_out_and_which_way_it_was_off_is_told(step_s, words):
-    (wrong,) = [item for item in frames_with_a_burst_at(250, step_rows=(150,), step_s=step_s) if words in item.reason]
+@pytest.mark.parametrize(("step_s", "side"), [(-20.0, "ahead of"), (20.0, "behind")])
+def test_all_frames_of_a_clock_that_was_far_off_are_left_out_and_which_way_it_was_off_is_told(step_s, side):
+    (wrong,) = [item for item in frames_with_a_burst_at(250, step_rows=(150,), step_s=step_s) if "was" in item.reason]
+    assert wrong.reason == f"the host's clock was 20 s {side} what it was set to"
     assert (wrong.from_ns, wrong.until_ns) == (START_NS, START_NS + 149 * NS_PER_S // 10 + 1)
     assert (wrong.cause, wrong.time_error_s) == (Cause.CLOCK_STEP, 20.0)
-
-
-@pytest.mark.parametrize(
-    ("step_s", "about_s"),
-    [(20.0, [-20, 0]), (-20.0, [0])],
-    ids=["the host slept for 20 s", "its monotonic clock leapt"],
-)
-def test_where_utc_was_right_all_along_only_times_that_frames_may_have_are_left_out(step_s, about_s):
-    words = "the host was suspended"
-    event = ClockStep(START_NS, 0, StationKind.CLOCK_STEP, words, round(step_s * NS_PER_S), utc_kept=True)
-    around = [(item.from_ns - START_NS, item.until_ns - START_NS) for item in exclusions([event], np.zeros(0, FRAME))]
-    assert around == [((second - 5) * NS_PER_S, (second + 5) * NS_PER_S) for second in about_s]
-
-
-@pytest.mark.parametrize("instant", ["from_ns", "until_ns"])
-def test_a_stretch_holds_its_first_instant_and_not_its_last(instant):
-    stretch = Exclusion(START_NS, START_NS + 10, "clouds", Cause.OPERATOR)
-    at_ns = getattr(stretch, instant)
-    inside = excluded(np.array([at_ns - 1, at_ns, at_ns + 1]), [stretch])
-    assert inside.tolist() == ([False, True, True] if instant == "from_ns" else [True, False, False])
-
-
-@pytest.mark.parametrize(
-    ("pause_s", "restarted", "is_told"),
-    [(0.0, False, False), (29.0, False, False), (31.0, False, True), (0.0, True, True)],
-)
-def test_a_buffer_is_told_again_after_a_pause_of_half_a_minute_or_a_new_start_of_the_sensor(
-    pause_s, restarted, is_told
-):
-    """Frames at 10 Hz; 38 of them, from the 150th on, were read at once."""
-    made = np.zeros(300, dtype=FRAME)
-    after_ns = np.arange(300) * NS_PER_S // 10
-    after_ns[150:] += round(pause_s * NS_PER_S)
-    made["time_us"] = after_ns // 1000
-    if restarted:
-        made["time_us"][150:] -= made["time_us"][150]
-    read_ns = START_NS + after_ns
-    read_ns[150:188] = read_ns[188] + 1000 * np.arange(38)
-    made["utc_ns"] = made["host_utc_ns"] = read_ns
-    told = [item for item in exclusions([], made) if item.cause is Cause.BACKLOG]
-    assert bool(told) is is_told
-    if told:
-        assert told[0].from_ns == read_ns[150]
-        assert told[0].time_error_s == pytest.approx(3.8, abs=0.1)
-
-
-@pytest.mark.parametrize(("late_ms", "is_told"), [(19, False), (20, False), (21, True), (200, True)])
-def test_frames_that_waited_for_more_than_twenty_milliseconds_are_told(late_ms, is_told):
-    """The third frame was read a millisecond late, the fourth at once."""
-    made = np.zeros(60, dtype=FRAME)
-    taken_ns = np.arange(60) * NS_PER_S
-    made["time_us"] = taken_ns // 1000
-    late_ns = np.zeros(60, dtype=np.int64)
-    late_ns[:2], late_ns[2] = (late_ms + 1) * 10**6, 10**6
-    made["utc_ns"] = START_NS + taken_ns + late_ns
-    made["host_utc_ns"] = START_NS + np.where(np.arange(60) < 2, np.arange(60) * 1000, taken_ns)
-    assert any(item.cause is Cause.BACKLOG for item in exclusions([], made)) is is_told
 
 
 @pytest.mark.parametrize(
@@ -169,11 +104,6 @@ def test_a_buffer_is_told_with_its_first_frame_its_last_and_how_late_it_was():
     assert (told.cause, told.time_error_s) == (Cause.BACKLOG, pytest.approx(2.999997, abs=1e-9))
 
 
-def test_frames_read_at_the_very_same_instant_waited_too():
-    (told,) = exclusions([], read_late(3))
-    assert (told.from_ns, told.until_ns, told.time_error_s) == (START_NS + 3 * SECOND, START_NS + 3 * SECOND + 1, 3.0)
-
-
 @pytest.mark.parametrize(("waited", "late_s", "last"), [(29, 29.0, 28), (30, 30.0, 29), (31, 30.0, 29)])
 def test_a_buffer_settles_within_thirty_seconds_of_the_sensors_clock(waited, late_s, last):
     """The frame of the 30th second still shows how late the ones before it were; the one of the 31st does not."""
@@ -191,7 +121,8 @@ def test_a_pause_of_more_than_half_a_minute_begins_anew(pause_ns, is_told):
     read_ns[50:53] = read_ns[53]
     made = np.zeros(101, dtype=FRAME)
     made["time_us"], made["utc_ns"], made["host_utc_ns"] = taken_ns // 1000, START_NS + read_ns, START_NS + read_ns
-    assert bool(exclusions([], made)) is is_told
+    begins = [item.from_ns for item in exclusions([], made)]
+    assert begins == ([made["utc_ns"][50]] if is_told else [])
 
 
 @pytest.mark.parametrize(("back_us", "is_told"), [(0, False), (1, True)])
@@ -208,36 +139,30 @@ def test_only_a_time_tag_that_falls_is_a_new_start_of_the_sensor(back_us, is_tol
 
 
 @pytest.mark.parametrize(
-    ("read_ns", "tag_ns", "expected"),
+    ("read_s", "second_taken_s", "late_s"),
     [
-        ([0], [0], [False]),
-        ([0, 100, 149, 249, 349], [0, 100, 200, 300, 400], [False, False, True, False, False]),
-        ([0, 100, 150, 250, 350], [0, 100, 200, 300, 400], [False] * 5),  # half of the usual time
-        ([0, 100, 100, 200, 300], [0, 100, 200, 300, 400], [False, False, True, False, False]),
-        ([0, 100, 99, 199, 299], [0, 100, 200, 300, 400], [False] * 5),  # the clock went back
-        ([0, 100, 149, 249, 349], [0, 100, 190, 290, 390], [False] * 5),  # taken soon after each other themselves
+        ([0.51], 1.0, [0.51]),
+        ([0.5], 1.0, []),  # half of the usual time between frames
+        ([1.0], 1.0, [1.0]),
+        ([1.01], 1.0, []),  # the clock went back
+        ([1.000000001], 1.0, []),
+        ([0.45], 0.9, []),  # half of the time between these two exposures
+        ([0.46], 0.9, [0.46]),
+        ([3.0, 3.0, 3.0, 3.7, 4.1], 1.0, [3.0, 2.0, 1.0]),  # the last followed at once, but not the one before it
+        ([1.5, 2.3, 2.4], 1.0, []),  # nor the second the first
     ],
 )
-def test_a_frame_is_read_at_once_within_half_of_the_usual_time_and_of_the_time_between_exposures(
-    read_ns, tag_ns, expected
-):
-    assert _read_at_once(np.array(read_ns), np.array(tag_ns)).tolist() == expected
-
-
-@pytest.mark.parametrize(
-    ("at_once", "expected"),
-    [
-        ([], []),
-        ([False], [False]),
-        ([True], [False]),
-        ([False, True], [True, True]),
-        ([True, False], [False, False]),
-        ([False, True, True, False, True], [True, True, True, False, False]),
-        ([False, False, True], [False, False, False]),
-    ],
-)
-def test_a_burst_lasts_from_the_first_frame_to_the_last_that_followed_at_once(at_once, expected):
-    assert _burst(np.array(at_once, dtype=bool)).tolist() == expected
+def test_frames_waited_that_followed_the_first_within_half_of_the_usual_time_each(read_s, second_taken_s, late_s):
+    """Frames of one a second, but the second; those that ``read_s`` does not tell are read as they are taken."""
+    taken_ns = np.arange(100) * SECOND
+    taken_ns[1] = round(second_taken_s * SECOND)
+    read_ns = taken_ns.copy()
+    read_ns[: len(read_s)] = np.round(np.array(read_s) * SECOND)
+    made = np.zeros(100, dtype=FRAME)
+    made["time_us"], made["utc_ns"] = taken_ns // 1000, START_NS + read_ns
+    made["host_utc_ns"] = made["utc_ns"]
+    told = [(item.until_ns - START_NS, item.time_error_s) for item in exclusions([], made)]
+    assert told == ([(read_ns[len(late_s) - 1] + 1, pytest.approx(late_s[0]))] if late_s else [])
 
 
 # Steps of the clock, by hand
@@ -248,19 +173,21 @@ def around(utc_ns, step_ns, *, utc_kept=False):
     return [(item.from_ns, item.until_ns) for item in exclusions([event], np.zeros(0, FRAME))]
 
 
+AROUND = AROUND_STEP_NS
+
+
 @pytest.mark.parametrize(
     ("step_ns", "utc_kept", "expected"),
     [
-        (10 * SECOND, False, [(-15 * SECOND, 5 * SECOND)]),  # both sides meet
-        (10 * SECOND + 1, False, [(-15 * SECOND - 1, -5 * SECOND - 1), (-5 * SECOND, 5 * SECOND)]),
-        (-10 * SECOND, False, [(-5 * SECOND, 15 * SECOND)]),
-        (-10 * SECOND - 1, False, [(5 * SECOND + 1, 15 * SECOND + 1), (-5 * SECOND, 5 * SECOND)]),
-        (SECOND, False, [(-6 * SECOND, 5 * SECOND)]),
-        (SECOND, True, [(-6 * SECOND, 5 * SECOND)]),
-        (-SECOND, True, [(-5 * SECOND, 5 * SECOND)]),
+        (2 * AROUND, False, [(-3 * AROUND, AROUND)]),  # both sides meet
+        (2 * AROUND + 1, False, [(-3 * AROUND - 1, -AROUND - 1), (-AROUND, AROUND)]),
+        (-2 * AROUND, False, [(-AROUND, 3 * AROUND)]),
+        (-2 * AROUND - 1, False, [(AROUND + 1, 3 * AROUND + 1), (-AROUND, AROUND)]),
+        (2 * AROUND + 1, True, [(-3 * AROUND - 1, -AROUND - 1), (-AROUND, AROUND)]),  # the host slept
+        (-2 * AROUND - 1, True, [(-AROUND, AROUND)]),  # its monotonic clock leapt
     ],
 )
-def test_five_seconds_around_a_step_are_left_out_by_the_old_and_by_the_new_clock(step_ns, utc_kept, expected):
+def test_seconds_around_a_step_are_left_out_by_the_old_and_by_the_new_clock(step_ns, utc_kept, expected):
     found = around(START_NS, step_ns, utc_kept=utc_kept)
     assert [(begin - START_NS, end - START_NS) for begin, end in found] == expected
 
@@ -268,15 +195,13 @@ def test_five_seconds_around_a_step_are_left_out_by_the_old_and_by_the_new_clock
 @pytest.mark.parametrize(
     ("utc_ns", "expected"),
     [
-        (5 * SECOND + 1_000_000_001, [(1, 11_000_000_001)]),
-        (6 * SECOND, [(0, 11 * SECOND)]),
-        (3 * SECOND, [(0, 8 * SECOND)]),
-        (-5 * SECOND, []),
-        (1 - 5 * SECOND, [(0, 1)]),
-        (LAST_NS - 5 * SECOND, [(LAST_NS - 11 * SECOND, LAST_NS)]),
-        (LAST_NS, [(LAST_NS - 6 * SECOND, LAST_NS)]),
-        (LAST_NS + 6 * SECOND, []),
-        (LAST_NS + 6 * SECOND - 1, [(LAST_NS - 1, LAST_NS)]),
+        (AROUND + SECOND + 1, [(1, 2 * AROUND + SECOND + 1)]),
+        (AROUND, [(0, 2 * AROUND)]),
+        (-AROUND, []),
+        (1 - AROUND, [(0, 1)]),
+        (LAST_NS - AROUND, [(LAST_NS - 2 * AROUND - SECOND, LAST_NS)]),
+        (LAST_NS + AROUND + SECOND, []),
+        (LAST_NS + AROUND + SECOND - 1, [(LAST_NS - 1, LAST_NS)]),
     ],
 )
 def test_what_is_left_out_around_a_step_stays_within_the_instants_that_there_are(utc_ns, expected):
@@ -284,16 +209,14 @@ def test_what_is_left_out_around_a_step_stays_within_the_instants_that_there_are
     assert around(utc_ns, SECOND) == expected
 
 
+def test_five_seconds_before_and_after_a_step_are_left_out():
+    assert around(START_NS, 0) == [(START_NS - 5 * SECOND, START_NS + 5 * SECOND)]
+
+
 def test_what_is_left_out_around_a_step_may_be_off_by_the_step_and_bears_its_words():
     event = ClockStep(START_NS, 0, StationKind.CLOCK_STEP, "it stepped", -2_500_000_000)
     (item,) = exclusions([event], np.zeros(0, FRAME))
     assert (item.reason, item.cause, item.time_error_s) == ("it stepped", Cause.CLOCK_STEP, 2.5)
-
-
-@pytest.mark.parametrize(("step_s", "side"), [(-20.0, "ahead of"), (20.0, "behind")])
-def test_a_clock_that_was_far_off_is_told_in_whole_seconds_and_its_side(step_s, side):
-    (wrong,) = [item for item in frames_with_a_burst_at(250, step_rows=(150,), step_s=step_s) if "was" in item.reason]
-    assert wrong.reason == f"the host's clock was 20 s {side} what it was set to"
 
 
 # What an operator leaves out

@@ -18,7 +18,6 @@ from gse.identifier import Identification, Reason, Unidentified
 from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_processor import (
-    _CROSS,
     FrameProcessor,
     external_answers_of,
     geometric_of,
@@ -340,12 +339,6 @@ def test_a_roll_that_was_not_answered_is_that_of_the_truth_and_has_no_error():
     assert answered.attitude_error.d_roll_arcsec == pytest.approx(3600.0, abs=1e-3)
 
 
-def test_the_cross_that_stands_for_objects_has_arms_of_three_degrees_about_the_boresight():
-    places = _CROSS[:, :2] / _CROSS[:, 2:]
-    assert places == pytest.approx(np.array([[0.05, 0], [-0.05, 0], [0, 0.05], [0, -0.05]]), abs=1e-15)
-    assert np.linalg.norm(_CROSS, axis=1) == pytest.approx(np.ones(4), abs=1e-15)
-
-
 @pytest.mark.parametrize(
     ("objects", "moved"), [([0, 2], [0, 2]), ([2, 0, 1], [2, 0, 1]), ([1], [0, 1, 2]), ([], [0, 1, 2])]
 )
@@ -365,3 +358,12 @@ def test_two_objects_are_enough_to_stand_for_themselves(objects, shown):
     sky = StillSky()
     geometric_of(POLE, FIELD_14_DEG.directions(PLACES[:objects]), sky, UTC_NS)
     assert len(sky.shown[0]) == shown
+
+
+def test_the_cross_that_stands_for_objects_has_arms_of_three_degrees_about_the_boresight():
+    sky = StillSky()
+    geometric_of(POLE, np.zeros((0, 3)), sky, UTC_NS)
+    cross = np.array(sky.shown[0])
+    places = cross[:, :2] / cross[:, 2:]
+    assert places == pytest.approx(np.array([[0.05, 0], [-0.05, 0], [0, 0.05], [0, -0.05]]), abs=1e-15)
+    assert np.linalg.norm(cross, axis=1) == pytest.approx(np.ones(4), abs=1e-15)

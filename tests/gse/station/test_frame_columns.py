@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from devices.mapped_memory import lies_on_disk
 from skies.synthetic_night import synthetic_night
 
 from gse.report.summary import summarise
 from gse.station.columns import FRAME
-from gse.station.frame_columns import ColumnStore, FrameColumns, InOrder
+from gse.station.frame_columns import GIVE_BACK_BYTES, ColumnStore, FrameColumns, InOrder
 from gse.station.frame_table import MATCH, FrameTable
 from gse.verdict.assessment import judge
 
@@ -48,7 +49,7 @@ def test_columns_are_the_same_before_and_after_they_move_to_the_disk_and_when_th
     expected = some_rows(400_000)
     for count in (300, 1000, 100_000, 400_000):
         table.extend(expected[len(table) : count], NO_MATCHES.copy())
-        assert table._frames.is_on_disk == (count > 500)
+        assert lies_on_disk(table.columns) == (count > 500)
         assert table.columns.rows().tobytes() == expected[:count].tobytes()
 
 
@@ -99,25 +100,17 @@ def test_without_room_on_the_disk_frames_stay_in_memory():
         table = filled(on_disk(), 3000)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    store = table._frames
-    assert not store.is_on_disk
+    assert not lies_on_disk(table.columns)
+    place = table.columns["utc_ns"].ctypes.data
     table.extend(some_rows(1000, 3000), NO_MATCHES.copy())
-    assert table._frames is store  # the disk is asked once
+    assert table.columns["utc_ns"].ctypes.data == place  # the disk is asked once
     assert table.columns.rows().tobytes() == some_rows(4000).tobytes()
-
-
-@pytest.mark.parametrize(("rows", "is_made"), [(1000, True), (10**15, False)])
-def test_a_file_for_which_the_disk_has_no_room_is_not_made(rows: int, is_made: bool) -> None:
-    """A row takes more than a hundred bytes: no disk has room for 10^15 of them."""
-    store = ColumnStore(FRAME, 0)
-    assert store._map_file(rows) is is_made
-    assert store.is_on_disk is is_made
 
 
 def test_a_session_on_the_disk_is_judged_as_one_in_memory():
     kept, moved = synthetic_night(1500), synthetic_night(1500)
     moved.frames.use_disk(0)
-    assert moved.frames._frames.is_on_disk
+    assert lies_on_disk(moved.frames.columns)
     assert summarise(moved, judge(moved)) == summarise(kept, judge(kept))
 
 
@@ -180,37 +173,31 @@ def test_columns_in_a_file_begin_with_a_page_each_and_do_not_overlap():
     assert [(place - places[0]) // mmap.PAGESIZE for place in places] == [0, 2, 3]
 
 
-def test_a_file_that_is_refused_says_so():
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
-    try:
-        assert ColumnStore(SMALL, 0)._map_file(1000) is False
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+def resident_kib(store):
+    """How much of a store's file this process holds in memory."""
+    begin, mapped = f"{store.column('a', 0, 0).ctypes.data:x}-", False
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        if line[:1] in "0123456789abcdef":
+            mapped = line.startswith(begin)
+        elif mapped and line.startswith("Rss:"):
+            return int(line.split()[1])
+    raise AssertionError("the store has no file")
 
 
-def test_pages_are_given_back_after_sixteen_mebibytes_were_looked_at():
-    """Two columns of a day at 10 Hz, of 8 bytes a frame, take 13 MiB."""
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="resident memory is read from Linux's files")
+@pytest.mark.parametrize("moves", [0, 1])
+def test_pages_are_given_back_after_so_many_bytes_were_looked_at(moves):
+    """The rows that were written count too, and so do those that move to another file."""
     store = small_store(100, on_disk=True)
-    assert store._touched == 100 * (8 + 4 + 1)
-    store.column("b", 10, 30)
-    assert store._touched == 1300 + 80
-    store._touch(16 * MIB - 1380)
-    assert store._touched == 16_777_216
-    store.column("c", 0, 1)
-    assert store._touched == 0
-    assert store.column("a", 0, 100).tolist() == list(range(100))
-
-
-def test_rows_that_move_to_a_file_are_looked_at_once_there():
-    store = small_store(100, on_disk=True).with_room(200, on_disk=True)
-    assert store._touched == 1300
-
-
-def test_columns_in_memory_are_not_given_back():
-    store = small_store(100)
-    store.column("a", 0, 100)
-    assert store._touched == 0
+    for _ in range(moves):
+        store = store.with_room(200, on_disk=True)
+    reads = (GIVE_BACK_BYTES - small_rows(100).nbytes) // 800
+    for _ in range(reads):
+        store.column("a", 0, 100).sum()
+    assert resident_kib(store) > 0
+    column = store.column("a", 0, 100)
+    assert resident_kib(store) == 0
+    assert column.tolist() == list(range(100))
 
 
 @pytest.mark.parametrize(

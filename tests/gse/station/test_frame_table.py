@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from devices.mapped_memory import lies_on_disk
 from skies.one_by_one import Light, Made, Stars, add_frame, results_of
 from skies.synthetic_night import synthetic_frames
 
 from gse.identifier import Identification
-from gse.station import frame_table
 from gse.station.columns import FRAME
-from gse.station.frame_table import MATCH, OTHER, FrameTable
+from gse.station.frame_table import MATCH, MOST_IN_MEMORY, MOST_MATCHES, OTHER, FrameTable
 from gse.station.results import Status
 from gse.values.panorama import Panorama
 
@@ -35,13 +35,13 @@ def test_objects_are_counted_up_to_255():
 def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fewer():
     frame = next(iter(synthetic_frames(1, trouble=False)))
     table = FrameTable()
-    count = 2 * frame_table.MOST_MATCHES // len(frame.matches)
+    count = 2 * MOST_MATCHES // len(frame.matches)
     hundred = results_of([frame] * 100)
     for _ in range(count // 100):
         table.extend(hundred.rows, hundred.match_rows())
     kept = np.unique(table.matches["frame"])
     assert len(table) == count // 100 * 100
-    assert frame_table.MOST_MATCHES / 4 < len(table.matches) <= frame_table.MOST_MATCHES
+    assert MOST_MATCHES / 4 < len(table.matches) <= MOST_MATCHES
     assert np.unique(np.diff(kept)).tolist() in ([2], [4])
     assert (np.bincount(table.matches["frame"])[kept] == len(frame.matches)).all()
 
@@ -69,11 +69,12 @@ def test_named_stars_and_stars_seen_are_counted_up_to_255():
 
 
 def test_a_replay_of_two_hours_lies_in_memory_and_a_longer_one_on_the_disk():
-    for count, on_disk in ((65_536, False), (65_537, True)):
+    for count, on_disk in ((MOST_IN_MEMORY, False), (MOST_IN_MEMORY + 1, True)):
         table = FrameTable()
         table.use_disk()
         table.extend(np.zeros(count, FRAME), np.zeros(0, MATCH))
-        assert table._frames.is_on_disk is on_disk
+        assert lies_on_disk(table.columns) is on_disk
+    assert 2 * 3600 * 10 * 0.8 < MOST_IN_MEMORY < 2 * 3600 * 10
 
 
 def rows_of_frames(count):
@@ -100,14 +101,15 @@ def test_a_table_has_room_for_fourteen_hours_at_ten_hertz_from_the_first():
 
 
 def test_a_table_that_is_full_gets_twice_the_room_that_it_needs_and_not_before():
-    table = FrameTable.from_rows(rows_of_frames(1), rows_of_stars())
-    rooms = []
-    for number in range(1, 6):
-        rooms.append((len(table), table._frames.rows))
+    """Room for 1, then for 4, then for 10: where its columns lie in memory shows it."""
+    table, moved = FrameTable.from_rows(rows_of_frames(1), rows_of_stars()), []
+    for number in range(1, 11):
+        before = table.columns["frame_no"].ctypes.data
         table.extend(rows_of_frames(number + 1)[number:], rows_of_stars(0))
-    assert rooms == [(1, 1), (2, 4), (3, 4), (4, 4), (5, 10)]
-    assert table.columns["frame_no"].tolist() == [0, 1, 2, 3, 4, 5]
-    assert table.matches["frame"].tolist() == [1, 2, 3, 4, 5]
+        moved += [number] if table.columns["frame_no"].ctypes.data != before else []
+    assert moved == [1, 4, 10]
+    assert table.columns["frame_no"].tolist() == list(range(11))
+    assert table.matches["frame"].tolist() == list(range(1, 11))
 
 
 def test_a_table_of_given_rows_is_what_they_are_and_takes_more():
@@ -121,32 +123,31 @@ def test_a_table_of_given_rows_is_what_they_are_and_takes_more():
 def test_rows_that_are_filled_by_column_begin_as_nothing():
     table = FrameTable.with_rows(4, rows_of_stars(3))
     assert (len(table), table.columns["utc_ns"].tolist(), table.matches["frame"].tolist()) == (4, [0] * 4, [3])
-    assert not table._frames.is_on_disk
+    assert not lies_on_disk(table.columns)
 
 
-@pytest.mark.parametrize(("count", "on_disk"), [(9, False), (10, False), (11, True)])
-def test_given_rows_lie_on_the_disk_where_they_are_more_than_memory_may_hold(count, on_disk):
-    table = FrameTable.with_rows(count, rows_of_stars(), most_in_memory=10)
-    assert table._frames.is_on_disk is on_disk
-    assert (len(table), table.columns["frame_no"].tolist()) == (count, [0] * count)
-
-
-@pytest.mark.parametrize(("count", "on_disk"), [(0, False), (10, False), (11, True), (12, True)])
-def test_a_table_moves_to_the_disk_at_once_where_it_holds_more_than_memory_may(count, on_disk):
+@pytest.mark.parametrize(("count", "on_disk"), [(0, False), (10, False), (11, True)])
+def test_rows_lie_on_the_disk_where_they_are_more_than_memory_may_hold_and_move_there_at_once(count, on_disk):
+    given = FrameTable.with_rows(count, rows_of_stars(), most_in_memory=10)
+    assert (len(given), lies_on_disk(given.columns), given.columns["frame_no"].tolist()) == (
+        count,
+        on_disk,
+        [0] * count,
+    )
     table = FrameTable()
     table.extend(rows_of_frames(count), rows_of_stars())
     table.use_disk(10)
-    assert table._frames.is_on_disk is on_disk
+    assert lies_on_disk(table.columns) is on_disk
     assert table.columns["frame_no"].tolist() == list(range(count))
 
 
-@pytest.mark.parametrize(("count", "latest_frame"), [(250_000, 1), (250_001, 0)])
-def test_a_quarter_of_a_million_matches_are_kept_and_one_more_costs_those_of_every_second_frame(count, latest_frame):
+@pytest.mark.parametrize(("more", "latest_frame"), [(0, 1), (1, 0)])
+def test_so_many_matches_are_kept_and_one_more_costs_those_of_every_second_frame(more, latest_frame):
     """All of them but the last are of the first frame."""
     table = FrameTable()
-    table.extend(rows_of_frames(1), np.zeros(count - 1, MATCH))
+    table.extend(rows_of_frames(1), np.zeros(MOST_MATCHES + more - 1, MATCH))
     table.extend(rows_of_frames(1), rows_of_stars(0))
-    assert (len(table), len(table.matches)) == (2, 250_000)
+    assert (len(table), len(table.matches)) == (2, MOST_MATCHES)
     assert table.matches["frame"][-1] == latest_frame
 
 
@@ -154,7 +155,7 @@ def test_other_objects_are_thinned_by_themselves_and_pictures_are_of_frames_with
     table, four = FrameTable(), rows_of_frames(4)
     table.extend(four, rows_of_stars(0, 1, 2, 3), rows_of_others(0, 1, 2, 3))
     assert (table.picture_stride, len(table.others)) == (1, 4)
-    table.extend(four, rows_of_stars(0, 1, 2, 3), rows_of_others(*[1] * 250_000, 2))
+    table.extend(four, rows_of_stars(0, 1, 2, 3), rows_of_others(*[1] * MOST_MATCHES, 2))
     assert (table.picture_stride, table.matches["frame"].tolist()) == (2, [0, 1, 2, 3, 4, 5, 6, 7])
     assert table.others["frame"].tolist() == [0, 2, 6]
     taken = table.snapshot()

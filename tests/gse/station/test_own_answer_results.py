@@ -8,9 +8,9 @@ import pytest
 from skies.known_nights import START_NS, STATION, TRUTH
 
 from gse.station.attitude_error import attitude_errors
-from gse.station.own_answers import OwnAnswerProcessor, OwnAnswerTruth, _looking_at, field_of
+from gse.station.own_answers import OwnAnswerProcessor, OwnAnswerTruth, field_of
 from gse.station.results import OwnAnswer, Status
-from gse.truth import SiderealTruth, horizon_to_sensor
+from gse.truth import SiderealTruth
 from gse.values.attitude import Attitude
 from gse.values.attitude_convention import AttitudeConvention, state_angles
 from gse.values.mount import Mount
@@ -98,23 +98,20 @@ def test_a_processing_time_that_is_not_stated_is_none():
 
 
 def test_the_mount_that_an_answer_shows_is_where_it_looks():
-    rotation = horizon_to_sensor(LOW) @ TRUTH.icrs_to_horizon(START_NS)
-    shown = _looking_at(rotation, TRUTH, START_NS)
-    assert (shown.azimuth_deg, shown.altitude_deg, shown.roll_deg) == pytest.approx((200.0, 35.0, 50.0), abs=1e-9)
+    message = message_of(errorless(LOW), AS_BUILT_IN)
+    known, shown = (result_of(message, TRUTH, mount).attitude_geometric for mount in (LOW, None))
+    assert apart_arcsec(known, shown) < 0.2
 
 
-def test_what_moves_the_answers_is_kept_while_sky_and_mount_stay():
+def test_answers_are_compared_with_the_sky_and_the_mount_of_now():
     processor = OwnAnswerProcessor(AS_BUILT_IN, CAMERA)
-    kept = processor._of(TRUTH, LOW)
-    assert processor._of(TRUTH, replace(LOW)) is kept
-    assert (kept.truth, kept.mount, kept.aberration_corrected) == (TRUTH, LOW, False)
-    assert kept.field_sensor.tolist() == field_of(CAMERA).tolist()
-    other = processor._of(TRUTH, STATION.mount)
-    assert other is not kept
-    assert other.mount == STATION.mount
-    same_sky = SiderealTruth(TRUTH.site, TRUTH.earth_orientation)
-    assert processor._of(same_sky, STATION.mount).truth is same_sky
-    assert OwnAnswerProcessor(AttitudeConvention(aberration="corrected"), CAMERA)._of(TRUTH, LOW).aberration_corrected
+    message = message_of(errorless(LOW), AS_BUILT_IN)
+    panorama = OwnAnswerProcessor.panorama(OwnAnswer(message, START_NS + 5, START_NS, 9))
+    elsewhere = SiderealTruth(replace(TRUTH.site, height_m=4000.0, pressure_hpa=600.0), TRUTH.earth_orientation)
+    for truth, mount in ((TRUTH, LOW), (TRUTH, STATION.mount), (elsewhere, STATION.mount), (elsewhere, LOW)):
+        (found,) = processor.results(panorama, message, truth, mount)
+        alone = result_of(message, truth, mount)
+        assert found.attitude_geometric.icrs_to_sensor.tolist() == alone.attitude_geometric.icrs_to_sensor.tolist()
 
 
 @pytest.mark.parametrize(("utc_ns", "stamped_ns"), [(None, 0), (START_NS, START_NS)])

@@ -16,11 +16,8 @@ from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER, QUATERNION
 from gse.station.loop import StationLoop
 from gse.station.own_answers import (
-    _NEAR,
     OwnAnswerProcessor,
     OwnAnswerTruth,
-    _fitted,
-    _triad,
     field_of,
     measured_rotations,
 )
@@ -257,7 +254,7 @@ class FixedSky:
 
     def __init__(self, up=(0.0, 0.0, 1.0), *, air=lambda seen: seen, aberration=lambda stars: stars):
         self._up, self._air, self._aberration = np.array(up), air, aberration
-        self.asked_ns = []
+        self.asked_ns, self.shown = [], []
 
     def attitude_true(self, utc_ns, mount):
         self.asked_ns.append(utc_ns)
@@ -268,6 +265,7 @@ class FixedSky:
 
     def unrefracted(self, seen, zenith_sensor):
         assert zenith_sensor.tolist() == self._up.tolist()
+        self.shown.append(seen)
         return self._air(seen)
 
     def apparent(self, stars, utc_ns):
@@ -313,9 +311,8 @@ def test_an_answer_of_ra_and_de_alone_is_read_with_a_roll_of_zero():
     assert read == pytest.approx(Attitude.from_angles(120.0, -35.0, 0.0).icrs_to_sensor, abs=1e-12)
 
 
-def test_a_small_field_is_its_middle_and_two_directions_a_milliradian_beside_it():
-    assert _NEAR[:, :2] / _NEAR[:, 2:] == pytest.approx(np.array([[0, 0], [1e-3, 0], [0, 1e-3]]), abs=1e-15)
-    assert np.linalg.norm(_NEAR, axis=1) == pytest.approx(np.ones(3), abs=1e-12)
+NEAR = units([0, 0, 1], [1e-3, 0, 1], [0, 1e-3, 1])
+"""What stands for a small field: its middle and two directions a milliradian beside it."""
 
 
 @pytest.mark.parametrize(
@@ -331,15 +328,15 @@ def test_a_small_field_is_its_middle_and_two_directions_a_milliradian_beside_it(
 def test_stars_below_three_degrees_are_left_out_as_long_as_three_remain(sines, used):
     """The zenith stands along x; so much of each direction points there."""
     field_sensor = np.array([[sine, 0.0, np.sqrt(1 - sine**2)] for sine in sines])
-    sky = FixedSky((1.0, 0.0, 0.0))
-    seen, stars = OwnAnswerTruth(sky, None, True, field_sensor)._stars(START_NS)
-    assert seen.tolist() == (_NEAR if used is None else field_sensor[used]).tolist()
-    assert stars.tolist() == seen.tolist()
+    sky = FixedSky((1.0, 0.0, 0.0), air=lambda seen: units([0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1])[: len(seen)])
+    OwnAnswerTruth(sky, None, True, field_sensor).shifts(np.array([START_NS]))
+    assert sky.shown[0] == pytest.approx(NEAR if used is None else field_sensor[used], abs=1e-15)
 
 
 def test_a_small_field_is_kept_whole_however_low_it_stands():
-    seen, _ = OwnAnswerTruth(FixedSky((0.0, 0.0, -1.0)), None, True)._stars(START_NS)
-    assert seen is _NEAR
+    sky = FixedSky((0.0, 0.0, -1.0))
+    OwnAnswerTruth(sky, None, True).shifts(np.array([START_NS]))
+    assert sky.shown[0] == pytest.approx(NEAR, abs=1e-15)
 
 
 def test_shifts_are_those_of_the_middle_of_each_minute_and_computed_once():
@@ -359,25 +356,29 @@ def test_shifts_are_those_of_the_middle_of_each_minute_and_computed_once():
     assert truth.shifts(utc_ns[:0]).shape == (0, 3, 3)
 
 
+def turned_by(rad):
+    return Rotation.from_rotvec([0.0, rad, 0.0]).as_matrix()
+
+
 def test_each_instant_has_the_shift_of_its_own_minute():
-    truth = OwnAnswerTruth(FixedSky(), None)
-    assert truth.aberration_corrected is False
-    minutes = START_NS // (60 * NS_PER_S) + np.array([5, 3, 4])
-    for place, minute in enumerate(minutes.tolist()):
-        truth._shifts[minute] = np.eye(3) * (place + 2)
-    assert truth.shifts(minutes * 60 * NS_PER_S + 1)[:, 0, 0].tolist() == [2.0, 3.0, 4.0]
+    """Air turns all that is seen by a hundredth of a radian more in each minute."""
+    minute_ns = 60 * NS_PER_S
+    sky = FixedSky(air=lambda seen: seen @ turned_by((sky.asked_ns[-1] - START_NS) // minute_ns / 100))
+    minutes = [5, 3, 4]
+    shifts = OwnAnswerTruth(sky, None, True).shifts(START_NS + np.array(minutes) * minute_ns + 1)
+    assert shifts == pytest.approx(np.array([turned_by(minute / 100) for minute in minutes]), abs=1e-12)
 
 
-@pytest.mark.parametrize(("kept", "then"), [(4095, 4096), (4096, 1)])
-def test_shifts_of_4096_minutes_are_kept(kept, then):
+def test_shifts_of_4096_minutes_are_kept():
     """Three days: then all are computed anew."""
-    truth = OwnAnswerTruth(FixedSky(), None, True, _shifts=dict.fromkeys(range(kept), np.eye(3)))
-    truth.shifts(np.array([START_NS]))
-    assert len(truth._shifts) == then
+    sky, utc_ns = FixedSky(), START_NS + np.arange(4097) * 60 * NS_PER_S
+    truth = OwnAnswerTruth(sky, None, True)
+    for some in (utc_ns[:4096], utc_ns[:1], utc_ns[4096:], utc_ns[:1], utc_ns[:1]):
+        truth.shifts(some)
+    assert len(sky.asked_ns) == 4096 + 2
 
 
-@pytest.mark.parametrize(("corrected", "asked"), [(True, False), (False, True)])
-def test_aberration_is_left_in_where_it_is_not_corrected(corrected, asked):
+def test_aberration_is_left_in_where_it_is_not_corrected():
     """A twentieth of a radian of it along x, of which the catalogue knows nothing."""
     by = 0.05
 
@@ -385,12 +386,15 @@ def test_aberration_is_left_in_where_it_is_not_corrected(corrected, asked):
         moved = stars + np.array([by, 0.0, 0.0])
         return moved / np.linalg.norm(moved, axis=1)[:, None]
 
-    truth = OwnAnswerTruth(FixedSky(aberration=aberration), None, corrected)
-    places = truth._stars(START_NS)[1]
-    seen = aberration(places) if asked else places
-    assert np.abs(seen - _NEAR).max() < (1e-8 if asked else 1e-15)
-    assert np.abs(places - _NEAR).max() > (0.04 if asked else -1)
-    assert np.linalg.norm(places, axis=1) == pytest.approx(np.ones(3), abs=1e-12)
+    sky, utc_ns = FixedSky(aberration=aberration), np.array([START_NS])
+    assert OwnAnswerTruth(sky, None, True).shifts(utc_ns)[0] == pytest.approx(np.eye(3), abs=1e-12)
+    for truth in (
+        OwnAnswerTruth(sky, None),
+        OwnAnswerTruth(sky, None, False, units([0, 0, 1], [0.1, 0, 1], [0, 0.1, 1])),
+    ):
+        place = truth.shifts(utc_ns)[0].T @ [0.0, 0.0, 1.0]
+        tolerance = 1e-8 if truth.field_sensor is None else 1e-3  # a field has the mean of what moves its stars
+        assert aberration(place[None])[0] == pytest.approx([0.0, 0.0, 1.0], abs=tolerance)
 
 
 def test_how_unevenly_air_parts_the_stars_of_a_field_is_its_rms_without_their_mean():
@@ -414,18 +418,24 @@ def test_how_unevenly_air_parts_the_stars_of_a_field_is_its_rms_without_their_me
 def test_the_rotation_between_two_fields_is_that_of_scipy():
     rng = np.random.default_rng(5)
     for count in (3, 12):
-        true = units(*rng.normal(0, 1, (count, 3)))
-        seen = units(*(Rotation.random(rng=rng).apply(true) + rng.normal(0, 0.05, (count, 3))))
+        seen = units(*(rng.normal(0, 1, (count, 3)) * [1, 1, 0] + [0, 0, 1]))
+        true = units(*(Rotation.random(rng=rng).apply(seen) + rng.normal(0, 0.05, (count, 3))))
         expected, _ = Rotation.align_vectors(seen, true)
-        assert _fitted(seen, true) == pytest.approx(expected.as_matrix(), abs=1e-7)
+        sky = FixedSky(air=lambda _, true=true: true)
+        shift = OwnAnswerTruth(sky, None, True, seen).shifts(np.array([START_NS]))[0]
+        assert shift == pytest.approx(expected.as_matrix(), abs=1e-7)
 
 
-def test_axes_stand_along_the_first_direction_whatever_the_lengths_and_are_the_mean_of_the_two_beside_it():
+@pytest.mark.parametrize(
+    ("beside", "turn_rad"),
+    [
+        ([[0, 0, 2.0], [0.3, 0, 3.0], [0, 0.02, 0.5]], 0.0),  # whatever their lengths
+        ([[0, 0, 1.0], [np.cos(0.1), np.sin(0.1), 5.0], [np.sin(0.1), np.cos(0.1), 0.1]], 0.0),  # sheared
+        ([[0, 0, 1.0], [2 * np.cos(0.2), 2 * np.sin(0.2), 1.0], [0, 0.5, 1.0]], 0.1),
+    ],
+)
+def test_a_small_field_turns_with_its_middle_and_by_the_mean_of_the_two_directions_beside_it(beside, turn_rad):
     axes = Rotation.random(rng=np.random.default_rng(6)).as_matrix()
-    beside = np.array([[0.0, 0.0, 2.0], [0.3, 0.0, 3.0], [0.0, 0.02, 0.5]]) @ axes.T
-    assert _triad(beside) == pytest.approx(axes, abs=1e-12)
-    sheared = np.array([[0.0, 0.0, 1.0], [np.cos(0.1), np.sin(0.1), 5.0], [np.sin(0.1), np.cos(0.1), 0.1]]) @ axes.T
-    assert _triad(sheared) == pytest.approx(axes, abs=1e-12)
-    turned = np.array([[0.0, 0.0, 1.0], [2 * np.cos(0.2), 2 * np.sin(0.2), 1.0], [0.0, 0.5, 1.0]]) @ axes.T
-    expected = axes @ Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()
-    assert _triad(turned) == pytest.approx(expected, abs=1e-12)
+    sky = FixedSky(air=lambda _: np.array(beside) @ axes.T)
+    shift = OwnAnswerTruth(sky, None, True).shifts(np.array([START_NS]))[0]
+    assert pytest.approx(axes @ Rotation.from_rotvec([0.0, 0.0, turn_rad]).as_matrix(), abs=1e-12) == shift.T

@@ -20,10 +20,7 @@ from gse.station.setup import (
     ORION_RA_DE_DEG,
     PACKAGES,
     Setup,
-    _catalog,
-    _epoch_jyear,
-    _loaded,
-    _running,
+    catalog_of,
     check_external,
     clear_caches,
     example_places,
@@ -77,10 +74,6 @@ def test_the_stars_of_a_session_stand_where_their_proper_motion_has_brought_them
         assert north == pytest.approx((2026.2 - 1991.25) * MOTION_MAS_PER_YEAR / 1000, abs=0.01)
 
 
-def test_without_an_instant_the_stars_stand_where_their_catalogue_has_them(station):
-    assert set_up(station, "").identifier.catalog.epoch_jyear == 1991.25
-
-
 def test_a_program_has_as_many_milliseconds_as_the_station_file_gives_it(tmp_path):
     """It answers after 0.4 s and is given 0.1 s, but for the first panorama, for which it has to start."""
     slow = program(tmp_path, "for line in sys.stdin: time.sleep(0.4); answer(json.loads(line))\n")
@@ -91,18 +84,6 @@ def test_a_program_has_as_many_milliseconds_as_the_station_file_gives_it(tmp_pat
     source.close()
     assert isinstance(given[0].answer, ExternalAnswer)
     assert given[1].answer.kind is FailureKind.TIMEOUT
-
-
-def test_the_example_panorama_has_all_bright_stars_about_orion():
-    camera, catalog = Camera(1000, 1000, 4000.0, (499.5, 499.5)), load_catalog(stars=500)
-    places, brightness = example_places(catalog, camera)
-    assert camera.contains(places).all()
-    assert (np.diff(brightness) < 0).all()
-    ra, de = np.radians(ORION_RA_DE_DEG)
-    middle = [math.cos(ra) * math.cos(de), math.sin(ra) * math.cos(de), math.sin(de)]
-    apart_px = 4000 * np.tan(np.arccos(np.clip(catalog.icrs @ middle, 0.01, 1)))
-    seen_px = np.hypot(*(places - 499.5).T)
-    assert np.sort(seen_px[seen_px < 500]) == pytest.approx(np.sort(apart_px[apart_px < 500]), abs=0.01)
 
 
 # What stands in the setup, without a session
@@ -164,13 +145,6 @@ def external_station(tmp_path):
     return parse_station(f"{BUILT_IN_TEXT}identifier: {{algorithm: external, command: [{silent}], timeout_ms: 250}}\n")
 
 
-def test_milliseconds_of_the_station_file_are_seconds_of_the_program(tmp_path):
-    station = external_station(tmp_path)
-    source = _running(station, load_protocol(station.protocol))
-    assert source._timeout_s == 0.25
-    assert source.identity["name"] == "onboard"
-
-
 def test_a_program_that_is_there_is_checked_without_a_word_and_one_that_is_not_is_an_error(tmp_path):
     said = []
     station = external_station(tmp_path)
@@ -203,14 +177,15 @@ def test_a_sensor_is_described_with_the_units_of_its_wire():
 @pytest.mark.parametrize(
     ("text", "jyear"),
     [
+        (None, 1991.25),
         ("2000-01-01T12:00:00Z", 2000.0),
         ("2026-04-02T06:00:00Z", 2026.2),  # 26.25 years of 365.25 days after the first end on 2 April at 7:30
         ("2026-04-02T09:00:00Z", 2026.3),
         ("2026-12-25T00:00:00Z", 2027.0),
     ],
 )
-def test_stars_stand_where_they_do_in_the_nearest_tenth_of_a_year(text, jyear):
-    assert _epoch_jyear(from_text(text)) == jyear
+def test_stars_stand_where_they_do_in_the_nearest_tenth_of_a_year(station, text, jyear):
+    assert catalog_of(station, text and from_text(text)).epoch_jyear == jyear
 
 
 def test_the_packages_that_numbers_depend_on_have_versions():
@@ -238,16 +213,15 @@ def test_there_are_as_many_stars_as_the_identifier_that_uses_most_of_them_looks_
     station = parse_station(
         f"{BUILT_IN_TEXT}identifier: {{algorithm: external, catalog_stars: 100, command: [none]}}\n"
     )
-    camera, protocol = station.sensor.camera(), load_protocol(station.protocol)
-    few = _loaded(station, "", protocol, None, RecordedAnswers())
+    camera = station.sensor.camera()
+    few = set_up(station, "", recorded_answers=RecordedAnswers())
     assert len(few.identifier.catalog) == stars_looked_at(camera) > stars_searched(camera, 100)
 
 
 def test_recorded_answers_stand_in_the_place_of_a_program():
     station = parse_station(f"{BUILT_IN_TEXT}identifier: {{algorithm: external, command: [no-such-program]}}\n")
     source = RecordedAnswers()
-    setup = _loaded(station, "", load_protocol(station.protocol), None, source)
-    assert setup.external is source
+    assert set_up(station, "", recorded_answers=source).external is source
 
 
 # The example panorama, by the geometry of a pinhole
@@ -270,6 +244,7 @@ def test_the_example_panorama_has_north_up_and_east_left_and_its_stars_brightest
     expected = expected[((expected > -0.5) & (expected < 999.5)).all(axis=1)]
     assert places == pytest.approx(expected[:30], abs=1e-6)
     assert (brightness[0], brightness[-1], len(brightness)) == (4000.0, 100.0, len(places))
+    assert (np.diff(brightness) < 0).all()
 
 
 def test_the_example_panorama_of_a_wide_field_has_thirty_stars_within_sixty_degrees():
@@ -279,15 +254,11 @@ def test_the_example_panorama_of_a_wide_field_has_thirty_stars_within_sixty_degr
     assert 100 * math.tan(math.radians(50)) < np.hypot(*(places - 499.5).T).max() < 100 * math.tan(math.radians(60))
 
 
-def test_the_sky_of_one_date_is_kept_and_those_of_two_are_dropped(tmp_path):
-    path = tmp_path / "hip_main.dat"
-    path.write_text(hipparcos(50))
+def test_the_sky_of_one_date_is_kept_and_those_of_two_are_dropped(station):
     clear_caches()
-    first = _catalog(str(path), None, 20)
+    first = catalog_of(station, None)
     keep_one_sky()
-    assert _catalog(str(path), None, 20) is first
-    assert (len(first), first.epoch_jyear) == (20, 1991.25)
-    later = _catalog(str(path), 2026.2, 20)
-    assert later.epoch_jyear == 2026.2
+    assert catalog_of(station, None) is first
+    assert catalog_of(station, from_text("2026-03-20T18:30:00Z")).epoch_jyear == 2026.2
     keep_one_sky()
-    assert _catalog(str(path), None, 20) is not first
+    assert catalog_of(station, None) is not first

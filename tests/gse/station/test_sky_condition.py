@@ -1,4 +1,4 @@
-"""The condition of the sky by hand: each limit from both of its sides, and the words that go with it."""
+"""The condition of the sky by hand: each limit, and the words that go with it."""
 
 import math
 from dataclasses import replace
@@ -9,6 +9,18 @@ import pytest
 from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.sky_condition import (
+    BACK_SHARE,
+    CLEARED_MAG,
+    DOUBTFUL_SHARE,
+    FADED_MAG,
+    FEW_SHARE,
+    FEWEST_EXPECTED,
+    FEWEST_OBJECTS,
+    FEWEST_UNMATCHED,
+    MISSING_SHARE,
+    MOON_GLARE_DEG,
+    SUN_LIMIT_DEG,
+    UNMATCHED_SHARE,
     ClearSky,
     Lights,
     SkyEvidence,
@@ -22,7 +34,8 @@ from gse.station.sky_condition import (
 
 CLEAR, CLOUDED, UNKNOWN = SkyCondition.CLEAR, SkyCondition.CLOUDED, SkyCondition.UNKNOWN
 NO_STARS, DAYLIGHT = SkyCondition.NO_STARS, SkyCondition.DAYLIGHT
-DARK, TWILIGHT = Lights(-12.0, -30.0, 120.0, 90.0), Lights(-11.9, -30.0, 120.0, 90.0)
+DARK = Lights(SUN_LIMIT_DEG, -30.0, 120.0, 90.0)
+TWILIGHT = replace(DARK, sun_altitude_deg=SUN_LIMIT_DEG + 0.1)
 FULL = SkyEvidence(
     lights=DARK,
     expected=30.0,
@@ -43,43 +56,42 @@ EMPTY = replace(FULL, shows_stars=False, seen_share=math.nan, objects=0.0, zero_
     ("before", "changes", "condition"),
     [
         # Stars that are fainter than in the clear: a cloud ends at another value than it begins.
-        (CLEAR, {"zero_point_mag": 16.26}, CLEAR),
-        (CLEAR, {"zero_point_mag": 16.25}, CLOUDED),
-        (CLOUDED, {"zero_point_mag": 16.5}, CLOUDED),
-        (CLOUDED, {"zero_point_mag": 16.51}, CLEAR),
+        (CLEAR, {"zero_point_mag": 17.0 - FADED_MAG + 0.01}, CLEAR),
+        (CLEAR, {"zero_point_mag": 17.0 - FADED_MAG}, CLOUDED),
+        (CLOUDED, {"zero_point_mag": 17.0 - CLEARED_MAG}, CLOUDED),
+        (CLOUDED, {"zero_point_mag": 17.0 - CLEARED_MAG + 0.01}, CLEAR),
         (CLEAR, {"zero_point_mag": 15.0, "lights": TWILIGHT}, CLEAR),
         (CLEAR, {"zero_point_mag": 15.0, "moon_glares": True}, CLEAR),
-        # Stars that are missing: 0.55 of the 0.9 that are seen in the clear, and 0.7 at the end of a cloud.
-        (CLEAR, {"seen_share": 0.50}, CLEAR),
-        (CLEAR, {"seen_share": 0.49}, CLOUDED),
-        (CLOUDED, {"seen_share": 0.64}, CLEAR),
-        (CLOUDED, {"seen_share": 0.62}, CLOUDED),
+        # Stars that are missing of the 0.9 that are seen in the clear.
+        (CLEAR, {"seen_share": MISSING_SHARE * 0.9 + 0.005}, CLEAR),
+        (CLEAR, {"seen_share": MISSING_SHARE * 0.9 - 0.005}, CLOUDED),
+        (CLOUDED, {"seen_share": BACK_SHARE * 0.9 + 0.01}, CLEAR),
+        (CLOUDED, {"seen_share": BACK_SHARE * 0.9 - 0.01}, CLOUDED),
         (CLEAR, {"seen_share": 0.1, "lights": TWILIGHT}, CLEAR),
-        (CLEAR, {"seen_share": 0.1, "expected": 9.0}, CLEAR),
-        (CLEAR, {"seen_share": 0.1, "expected": 10.0}, CLOUDED),
-        # Missing stars that are there as objects: two fifths of the 24, or six.
-        (CLEAR, {"seen_share": 0.2, "unmatched": 9.5}, CLOUDED),
-        (CLEAR, {"seen_share": 0.2, "unmatched": 9.7}, CLEAR),
-        (CLEAR, {"seen_share": 0.2, "expected": 12.0, "unmatched": 5.9}, CLOUDED),
-        (CLEAR, {"seen_share": 0.2, "expected": 12.0, "unmatched": 6.0}, CLEAR),
+        (CLEAR, {"seen_share": 0.1, "expected": FEWEST_EXPECTED - 1.0}, CLEAR),
+        (CLEAR, {"seen_share": 0.1, "expected": FEWEST_EXPECTED}, CLOUDED),
+        # Missing stars that are there as objects: a share of the 24, or at least some.
+        (CLEAR, {"seen_share": 0.2, "unmatched": 24 * UNMATCHED_SHARE - 0.1}, CLOUDED),
+        (CLEAR, {"seen_share": 0.2, "unmatched": 24 * UNMATCHED_SHARE + 0.1}, CLEAR),
+        (CLEAR, {"seen_share": 0.2, "expected": 12.0, "unmatched": FEWEST_UNMATCHED - 0.1}, CLOUDED),
+        (CLEAR, {"seen_share": 0.2, "expected": 12.0, "unmatched": FEWEST_UNMATCHED}, CLEAR),
         # Empty frames count where a cloud hides some of the stars in the others, and beside full ones they do not.
-        (CLEAR, {"seen_share": 0.62, "empty_share": 0.1}, CLEAR),
-        (CLEAR, {"seen_share": 0.62, "empty_share": 0.3}, CLOUDED),
-        (CLEAR, {"seen_share": 0.64, "empty_share": 0.9}, CLEAR),
-        (CLOUDED, {"seen_share": 0.7 * 0.9, "empty_share": 0.9}, CLEAR),
+        (CLEAR, {"seen_share": BACK_SHARE * 0.9 - 0.01, "empty_share": 0.1}, CLEAR),
+        (CLEAR, {"seen_share": BACK_SHARE * 0.9 - 0.01, "empty_share": 0.3}, CLOUDED),
+        (CLEAR, {"seen_share": BACK_SHARE * 0.9 + 0.01, "empty_share": 0.9}, CLEAR),
+        (CLOUDED, {"seen_share": BACK_SHARE * 0.9, "empty_share": 0.9}, CLEAR),
         # The Moon hides stars as a cloud does.
-        (CLEAR, {"seen_share": 0.34, "moon_glares": True}, CLEAR),
-        (CLEAR, {"seen_share": 1 / 3, "moon_glares": True}, CLEAR),
-        (CLEAR, {"seen_share": 0.33, "moon_glares": True}, UNKNOWN),
+        (CLEAR, {"seen_share": FEW_SHARE, "moon_glares": True}, CLEAR),
+        (CLEAR, {"seen_share": FEW_SHARE - 0.01, "moon_glares": True}, UNKNOWN),
     ],
 )
 def test_stars_that_are_seen_tell_a_cloud(before, changes, condition):
     assert condition_of(replace(FULL, **changes), USUAL, before) is condition
 
 
-@pytest.mark.parametrize(("seen_share", "condition"), [(0.34, CLEAR), (1 / 3, CLEAR), (0.33, CLOUDED)])
+@pytest.mark.parametrize(("seen_share", "condition"), [(FEW_SHARE, CLEAR), (FEW_SHARE - 0.01, CLOUDED)])
 @pytest.mark.parametrize("usual_share", [math.nan, 0.4])
-def test_less_than_a_third_of_the_stars_is_no_clear_sky_whatever_was_seen_before(usual_share, seen_share, condition):
+def test_less_than_a_share_of_the_stars_is_no_clear_sky_whatever_was_seen_before(usual_share, seen_share, condition):
     few = replace(FULL, seen_share=seen_share)
     assert condition_of(few, replace(USUAL, seen_share=usual_share), CLEAR) is condition
 
@@ -91,18 +103,18 @@ def test_less_than_a_third_of_the_stars_is_no_clear_sky_whatever_was_seen_before
         (CLEAR, {"lights": TWILIGHT}, DAYLIGHT),
         (CLOUDED, {"lights": TWILIGHT}, DAYLIGHT),
         (CLEAR, {"moon_glares": True}, NO_STARS),
-        (CLEAR, {"moon_glares": True, "objects": 2.0}, NO_STARS),
-        (CLEAR, {"moon_glares": True, "objects": 3.0}, UNKNOWN),
+        (CLEAR, {"moon_glares": True, "objects": FEWEST_OBJECTS - 1.0}, NO_STARS),
+        (CLEAR, {"moon_glares": True, "objects": FEWEST_OBJECTS}, UNKNOWN),
         (CLEAR, {"moon_glares": True, "overexposed": True}, UNKNOWN),
-        (CLOUDED, {"moon_glares": True, "objects": 3.0}, UNKNOWN),
+        (CLOUDED, {"moon_glares": True, "objects": FEWEST_OBJECTS}, UNKNOWN),
         (CLOUDED, {"moon_glares": True}, CLOUDED),
         (CLOUDED, {}, CLOUDED),
         (CLEAR, {"objects": 30.0}, NO_STARS),
-        (CLEAR, {"objects": 30.0, "expected": 9.0}, UNKNOWN),
-        (CLEAR, {"objects": 30.0, "expected": 10.0}, NO_STARS),
-        (CLEAR, {"objects": 30.0, "expected": 9.0, "overexposed": True}, NO_STARS),
-        (CLEAR, {"objects": 2.0, "expected": 9.0}, NO_STARS),
-        (CLEAR, {"objects": 3.0, "expected": 9.0}, UNKNOWN),
+        (CLEAR, {"objects": 30.0, "expected": FEWEST_EXPECTED - 1.0}, UNKNOWN),
+        (CLEAR, {"objects": 30.0, "expected": FEWEST_EXPECTED}, NO_STARS),
+        (CLEAR, {"objects": 30.0, "expected": FEWEST_EXPECTED - 1.0, "overexposed": True}, NO_STARS),
+        (CLEAR, {"objects": FEWEST_OBJECTS - 1.0, "expected": FEWEST_EXPECTED - 1.0}, NO_STARS),
+        (CLEAR, {"objects": FEWEST_OBJECTS, "expected": FEWEST_EXPECTED - 1.0}, UNKNOWN),
     ],
 )
 def test_a_sky_without_stars_has_its_reason(before, changes, condition):
@@ -118,7 +130,7 @@ MOONLIT = Lights(-40.0, 10.0, 90.0, 15.0)
     [
         ({"overexposed": True}, "the detector is overexposed in the dark, 30 stars are expected: a lamp"),
         ({"overexposed": True, "objects": 2.0}, "the detector is overexposed in the dark, 30 stars"),
-        ({"overexposed": True, "objects": 3.0}, "3 objects, and none is identified, 30 stars are expected: overcast"),
+        ({"overexposed": True, "objects": 9.0}, "9 objects, and none is identified, 30 stars are expected: overcast"),
         ({"exposure_s": 0.024}, "the exposure fell from 0.05 to 0.024 s: too short, 30 stars are expected"),
         ({"exposure_s": 0.025}, "no object at all, 30 stars are expected: lens cap"),
         ({"objects": 2.0}, "2 objects, 30 stars are expected: lens cap"),
@@ -126,7 +138,7 @@ MOONLIT = Lights(-40.0, 10.0, 90.0, 15.0)
             {"moon_glares": True, "lights": MOONLIT},
             NO_OBJECT + ", or too short an exposure; or the Moon's glare: Sun 40",
         ),
-        ({"objects": 3.0}, "3 objects, and none is identified, 30 stars are expected: overcast"),
+        ({"objects": 9.0}, "9 objects, and none is identified, 30 stars are expected: overcast"),
         ({"expected": 0.0}, "no object at all, 0 stars are expected: lens cap"),
         ({"expected": math.nan}, "no object at all: lens cap"),
     ],
@@ -138,11 +150,14 @@ def test_a_sky_without_stars_is_told_by_what_is_there_instead(changes, words):
 @pytest.mark.parametrize(
     ("found", "words"),
     [
-        (FULL, "27 of 30 expected stars are seen, to magnitude 5.5; Sun 12 deg below the horizon, Moon down"),
+        (FULL, "27 of 30 expected stars are seen, to magnitude 5.5; Sun"),
         (replace(FULL, limiting_mag=math.nan), "27 of 30 expected stars are seen; Sun"),
         (replace(FULL, seen_share=math.nan), "stars are identified, to magnitude 5.5; Sun"),
         (replace(FULL, seen_share=0.0, lights=TWILIGHT), "0 of 30 expected stars are seen, to magnitude 5.5; Sun"),
-        (replace(FULL, seen_share=0.8), "24 of 30 expected stars are seen, to magnitude 5.5; Sun"),
+        (
+            replace(FULL, seen_share=DOUBTFUL_SHARE),
+            f"{30 * DOUBTFUL_SHARE:.0f} of 30 expected stars are seen, to magnitude 5.5; Sun",
+        ),
         (replace(FULL, seen_share=0.79), "24 of 30 expected stars are seen, to magnitude 5.5 (or thin cloud"),
         (replace(FULL, seen_share=0.5, lights=TWILIGHT), "15 of 30 expected stars are seen, to magnitude 5.5; Sun"),
         (replace(FULL, seen_share=0.5, moon_glares=True), "15 of 30 expected stars are seen, to magnitude 5.5; Sun"),
@@ -159,8 +174,8 @@ def test_a_clear_sky_is_told_by_its_stars_and_with_its_doubt(found, words):
         (16.9, ", 0.1 mag fainter than the stated zero point says; Sun"),
         (17.0, ", 0.0 mag fainter than the stated zero point says; Sun"),
         (17.1, ", 0.1 mag brighter than the stated zero point says; Sun"),
-        (17.74, ", 0.7 mag brighter than the stated zero point says; Sun"),
-        (17.75, ", 0.8 mag brighter than the stated zero point says: it is not this sensor's; Sun"),
+        (16.99 + FADED_MAG, " mag brighter than the stated zero point says; Sun"),
+        (17.0 + FADED_MAG, " mag brighter than the stated zero point says: it is not this sensor's; Sun"),
     ],
 )
 def test_a_clear_sky_is_compared_with_the_stated_zero_point(zero_point_mag, words):
@@ -207,9 +222,14 @@ def test_sun_and_moon_are_told_by_where_they_stand(lights, words):
 
 @pytest.mark.parametrize(
     ("altitude_deg", "separation_deg", "glares"),
-    [(1.0, 16.9, True), (1.0, 17.0, False), (0.0, 5.0, False), (1.0, math.nan, False)],
+    [
+        (1.0, 6.9 + MOON_GLARE_DEG, True),
+        (1.0, 7.0 + MOON_GLARE_DEG, False),
+        (0.0, 5.0, False),
+        (1.0, math.nan, False),
+    ],
 )
-def test_the_moon_glares_within_ten_degrees_of_the_field_where_it_is_up(altitude_deg, separation_deg, glares):
+def test_the_moon_glares_within_some_degrees_of_the_field_where_it_is_up(altitude_deg, separation_deg, glares):
     lights = replace(DARK, moon_altitude_deg=altitude_deg, moon_separation_deg=separation_deg)
     assert glared(replace(FULL, lights=lights), 7.0).moon_glares is glares
 
@@ -313,9 +333,9 @@ def test_the_clear_sky_is_the_clearest_twentieth_of_the_dark_without_the_moon():
     assert (found.zero_point_mag, found.seen_share) == (pytest.approx(16.95), pytest.approx(0.95))
     assert (found.exposure_s, found.objects) == (pytest.approx(0.095), pytest.approx(95))
     assert not found.is_stated
-    few = [replace(one, expected=9.0, seen_share=1.0) for one in night]
+    few = [replace(one, expected=FEWEST_EXPECTED - 1.0, seen_share=1.0) for one in night]
     assert clear_sky(night + few).seen_share == pytest.approx(0.95)
-    enough = [replace(one, expected=10.0, seen_share=1.0) for one in night]
+    enough = [replace(one, expected=FEWEST_EXPECTED, seen_share=1.0) for one in night]
     assert clear_sky(night + enough).seen_share == 1.0
 
 

@@ -8,8 +8,7 @@ import pytest
 from skies.one_by_one import DARK, Light, lights_of
 
 from gse.identifier import Answers, Identification, Reason, Unidentified
-from gse.station.sky_condition import Lights, SkyEvidence, glared
-from gse.station.starlight import _medians, rows_of, starlights
+from gse.station.starlight import rows_of, starlights
 from gse.values.panorama import Parts
 
 CATALOG = SimpleNamespace(magnitude=np.array([1.0, 2.0, 3.0, 5.0, 6.5]))
@@ -37,15 +36,6 @@ def test_a_sensor_that_sends_no_brightness_has_no_zero_point():
     found = light([7.0, 7.0, 7.0], [0, 1, 2])
     assert math.isnan(found.zero_point_mag[0])
     assert found.faintest_index[0] == math.inf
-
-
-@pytest.mark.parametrize(
-    ("altitude_deg", "separation_deg", "glares"), [(1.0, 16.9, True), (1.0, 17.1, False), (0.0, 5.0, False)]
-)
-def test_the_moon_glares_until_ten_degrees_beyond_the_edge_of_the_field(altitude_deg, separation_deg, glares):
-    lights = Lights(-40.0, altitude_deg, 120.0, separation_deg)
-    seen = SkyEvidence(lights, 20.0, 0.5, math.nan, math.nan, 20.0, 0.0, True, False, 0.05)
-    assert glared(seen, 7.0).moon_glares == glares
 
 
 def test_the_light_of_panoramas_one_by_one_is_that_of_all_of_them():
@@ -94,10 +84,10 @@ def test_rows_of_all_panoramas_are_those_of_each_behind_the_ones_before():
     assert rows_of(Parts.of_counts([2, 4, 3]), answers).tolist() == [1, 8, 6]
 
 
-@pytest.mark.parametrize(
-    "parts",
-    [[[3.0]], [[1.0, 8.0]], [[7.0, 1.0, 2.0]], [[9.0, 1.0], [5.0, 4.0, 3.0, 8.0], [2.0], [6.0, 0.0, 7.0, 3.0, 1.0]]],
-)
-def test_the_median_of_each_part_is_that_of_numpy(parts):
-    found = _medians(np.concatenate(parts), np.array([len(part) for part in parts]))
-    assert found.tolist() == [np.median(part) for part in parts]
+def test_the_zero_point_of_each_panorama_is_the_median_of_its_stars():
+    counts, rng = [2, 5, 3, 4, 1], np.random.default_rng(2)
+    parts = [rng.uniform(10, 4000, count) for count in counts]
+    answers = Answers.from_answers([named(range(count), range(count)) for count in counts])
+    found = starlights(np.concatenate(parts), Parts.of_counts(counts), answers, CATALOG)
+    medians = [np.median(CATALOG.magnitude[: len(part)] + 2.5 * np.log10(part)) for part in parts[:-1]]
+    assert found.zero_point_mag[:-1] == pytest.approx(medians)

@@ -11,7 +11,7 @@ from skies.made_frames import FIELD_14_DEG
 from gse.catalog import load_catalog
 from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.neighbour import NeighbourIdentifier
-from gse.station.unnamed_stars import LeftOutStars, SolvedFrames, _free, _nearest
+from gse.station.unnamed_stars import WITHIN_PX, LeftOutStars, SolvedFrames
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 from gse.values.attitude import Attitude, solve_attitude
 from gse.values.identifier_options import IdentifierOptions
@@ -30,13 +30,13 @@ def stars():
     return load_catalog(stars=4000)
 
 
-def frames(count, utc_ns=0):
-    return SolvedFrames(np.array([LOOKING] * count), np.array([LOOKING] * count), None, np.full(count, utc_ns), None)
+def frames(count, looking=LOOKING):
+    return SolvedFrames(np.array([looking] * count), np.array([looking] * count), None, np.zeros(count, int), None)
 
 
-def shown(stars):
+def shown(stars, looking=LOOKING):
     """Rows of the stars in the field, and their exact directions."""
-    exact = stars.icrs @ LOOKING.T
+    exact = stars.icrs @ looking.T
     rows = np.flatnonzero((exact[:, 2] > 0.9) & FIELD_14_DEG.contains(FIELD_14_DEG.pixels(exact)))[:28]
     return rows, exact[rows]
 
@@ -45,17 +45,30 @@ def objects_of(seen):
     return ObjectColumns.from_panoramas([(one, np.ones(len(one))) for one in seen])
 
 
-def test_the_nearest_star_is_that_of_a_tree_at_the_poles_too(stars):
-    random = np.random.default_rng(1)
-    about = np.concatenate([stars.icrs[:500], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
-    seen = about + random.normal(0, 3e-3, (len(about), 3))
-    by_z = stars.icrs[np.argsort(stars.icrs[:, 2])]
-    apart, row = _nearest(seen, by_z, 5e-3)
-    expected, place = cKDTree(by_z).query(seen, distance_upper_bound=5e-3)
-    np.testing.assert_allclose(apart, expected)
-    found = np.isfinite(expected)
-    assert 100 < found.sum() < len(seen)
-    np.testing.assert_array_equal(row[found], place[found])
+@pytest.mark.parametrize("de_deg", [0.0, 89.0, -89.0])
+def test_stars_left_out_are_those_that_a_tree_finds_near_the_objects(stars, de_deg):
+    """In many panoramas with several objects at some stars, and some objects that bear a right or a wrong name."""
+    looking, rng = Attitude.from_angles(83.0, de_deg, 20.0).icrs_to_sensor, np.random.default_rng(1)
+    (rows, exact), pixel_rad = shown(stars, looking), FIELD_14_DEG.pixel_rad
+    seen, answers, expected = [], [], []
+    for _ in range(40):
+        of_star = rng.choice(len(rows), rng.integers(5, 25))
+        px = FIELD_14_DEG.pixels(exact[of_star]) + rng.normal(0, 3, (len(of_star), 2))
+        seen.append(FIELD_14_DEG.directions(px))
+        named = rng.choice(len(of_star), rng.integers(1, 4), replace=False)
+        names = rows[rng.choice(len(rows), len(named), replace=False)]
+        answers.append(Identification(named, names, 1e-9))
+        apart, nearest = cKDTree(stars.icrs).query(seen[-1] @ looking, distance_upper_bound=8 * pixel_rad)
+        off = np.hypot(*(seen[-1] - stars.icrs[np.minimum(nearest, len(stars) - 1)] @ looking.T)[:, :2].T)
+        free = [k for k in range(len(of_star)) if k not in named and apart[k] < np.inf and nearest[k] not in names]
+        first = [k for k in free if apart[k] == min(apart[other] for other in free if nearest[other] == nearest[k])]
+        expected.append([(k, nearest[k]) for k in first if off[k] <= WITHIN_PX * pixel_rad])
+    found = LeftOutStars(FIELD_14_DEG, stars).beside(
+        objects_of(seen), Answers.from_answers(answers), frames(40, looking)
+    )
+    parts = [found.part(k, k + 1) for k in range(40)]
+    assert [list(zip(one.objects.tolist(), one.stars.tolist(), strict=True)) for one in parts] == expected
+    assert sum(map(len, expected)) > 100
 
 
 def test_an_object_at_the_place_of_a_star_is_that_star(stars):
@@ -158,55 +171,6 @@ def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
     unknown = replace(known, truth=None, icrs_to_horizon=None)
     found = LeftOutStars(FIELD_14_DEG, stars).beside(objects_of([seen]), Answers.from_answers([named]), unknown)
     assert np.abs(found.residuals_arcsec).max() > 10
-
-
-# The nearest place, by numbers that a float holds exactly
-
-
-@pytest.mark.parametrize(
-    ("places", "seen", "row", "apart"),
-    [
-        ([[0.0, 0.0, 0.75]], [0.0, 0.0, 0.5], 0, 0.25),  # as far as is allowed, above
-        ([[0.0, 0.0, 0.25]], [0.0, 0.0, 0.5], 0, 0.25),  # and below
-        ([[0.25, 0.0, 0.5]], [0.0, 0.0, 0.5], 0, 0.25),
-        ([[0.0, -0.25, 0.5]], [0.0, 0.0, 0.5], 0, 0.25),
-        ([[0.0, 0.0, 0.75 + 2**-50]], [0.0, 0.0, 0.5], 0, np.inf),
-        ([[0.0, 0.0, 0.25 - 2**-50]], [0.0, 0.0, 0.5], 0, np.inf),
-        ([[0.25 + 2**-50, 0.0, 0.5]], [0.0, 0.0, 0.5], 0, np.inf),
-        ([], [0.0, 0.0, 0.5], 0, np.inf),
-        ([[0.0, 0.0, 0.0], [0.125, 0.0, 0.5], [0.0, 0.0625, 0.5], [0.25, 0.0, 0.5]], [0.0, 0.0, 0.5], 2, 0.0625),
-        ([[0.0, 0.0, 0.4], [0.0, 0.0, 0.5], [0.0, 0.0, 0.6]], [0.0, 0.0, 0.5], 1, 0.0),
-        ([[0.0, 0.0, 0.1], [0.0, 0.0, 0.2], [0.0, 0.0, 0.5]], [0.0, 0.0, 0.625], 2, 0.125),
-    ],
-)
-def test_the_nearest_place_is_at_most_as_far_as_is_allowed(places, seen, row, apart):
-    found_apart, found_row = _nearest(np.array([seen]), np.array(places).reshape(-1, 3), 0.25)
-    assert (found_apart.tolist(), found_row.tolist()) == ([apart], [row])
-
-
-def test_each_direction_has_a_nearest_place_of_its_own():
-    places = np.array([[0.0, 0.0, -0.5], [0.0, 0.5, 0.0], [0.0, 0.0, 0.5]])
-    seen = np.array([[0.0, 0.0, 0.5], [0.0, 0.4375, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -0.5]])
-    apart, row = _nearest(seen, places, 0.25)
-    assert apart.tolist() == [0.0, 0.0625, np.inf, 0.0]
-    assert row.tolist() == [2, 1, 0, 0]
-
-
-@pytest.mark.parametrize(
-    ("key", "apart", "taken", "free"),
-    [
-        ([], [], [], []),
-        ([7], [1.0], [], [0]),
-        ([7], [1.0], [7], []),
-        ([7, 5, 9], [1.0, 2.0, 3.0], [5, 6, 8, 10], [0, 2]),
-        ([7, 7, 5, 7], [3.0, 1.0, 9.0, 2.0], [], [1, 2]),  # of several the nearest
-        ([7, 7, 5], [3.0, 1.0, 9.0], [7, 7], [2]),
-        ([9, 8, 7], [1.0, 1.0, 1.0], [9, 7, 1], [1]),
-    ],
-)
-def test_a_star_is_free_that_is_not_taken_and_goes_to_the_nearest_object(key, apart, taken, free):
-    found = _free(np.array(key, dtype=np.int64), np.array(apart), np.array(taken, dtype=np.int64))
-    assert found.tolist() == free
 
 
 @pytest.mark.parametrize(("off_px", "is_found"), [(3.95, True), (4.05, False)])

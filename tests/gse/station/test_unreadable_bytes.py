@@ -1,13 +1,14 @@
 """Bytes without a valid frame: another protocol, another baud rate, or no word."""
 
 import random
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from drivers.uart import USUAL_BAUDS, received_at
-from gse.station.unreadable_bytes import _explained, _frames, _other_protocol, _slower_baud, what_fits
-from protocols import PanoramaMessage, load_protocol
+from gse.station.unreadable_bytes import what_fits
+from protocols import PanoramaMessage, load_protocol, parse_protocol
 
 PROTOCOL = load_protocol("panorama-v1")
 
@@ -53,27 +54,28 @@ def test_two_frames_of_another_protocol_are_enough(count: int, words: str) -> No
 
 
 def test_frames_of_the_protocol_itself_are_no_other_protocol() -> None:
-    slip = load_protocol("panorama-slip")
-    assert _other_protocol(b"".join(frames("panorama-slip")), slip) == ""
-    assert _frames(b"".join(frames("panorama-slip", 3)), slip) == 3
+    assert what_fits(b"".join(frames("panorama-slip")), load_protocol("panorama-slip"), 115200) == ""
 
 
 @pytest.mark.parametrize(
     ("sync_word", "baud", "head"),
     [
-        (b"\xaa", 19200, b"\x00\xe0\xe0"),  # of three bytes, as a UART of 115200 baud reads it
-        (b"\x55\xaa", 57600, b""),  # two bytes are found by chance
-        (b"\xaa", 9600, b""),  # nothing but zeros
+        ("EB90", 57600, "9efe00"),  # of three bytes, as a UART of 115200 baud reads it
+        ("55AA", 57600, "6666"),  # two bytes are found by chance
+        ("0F0F", 9600, "000000"),  # nothing but zeros
     ],
 )
-@pytest.mark.parametrize(("count", "is_told"), [(0, False), (2, False), (3, True), (5, True)])
-def test_a_head_of_three_bytes_that_comes_three_times_explains_as_many_bytes_as_it_has(
-    sync_word: bytes, baud: int, head: bytes, count: int, is_told: bool
+@pytest.mark.parametrize("count", [0, 2, 3, 5])
+def test_a_head_of_three_bytes_that_comes_three_times_tells_the_rate(
+    sync_word: str, baud: int, head: str, count: int
 ) -> None:
-    received = received_at(sync_word, baud, 115200)[:-1]
-    sample = (received + b"\x01") * count
-    assert _explained(sample, sync_word, baud, 115200) == (3 * count if head and is_told else 0)
-    assert head in (received, b"")
+    text = files("protocols").joinpath("panorama-v1.yaml").read_text()
+    protocol = parse_protocol(text.replace("1ACFFC1D", sync_word), "a shorter sync word")
+    received = received_at(bytes.fromhex(sync_word), baud, 115200)[:-1]
+    assert received.hex() == head
+    is_told = sync_word == "EB90" and count >= 3
+    words = f"wrong baud rate: they fit port.baudrate: {baud} (here 115200)" if is_told else ""
+    assert what_fits((received + b"\x01") * count, protocol, 115200) == words
 
 
 def test_the_rate_is_told_that_explains_most_bytes() -> None:
@@ -81,16 +83,14 @@ def test_the_rate_is_told_that_explains_most_bytes() -> None:
     word = PROTOCOL.frame_layout.sync_word
     slow, fast = (received_at(word, baud, 115200)[:-1] for baud in (38400, 57600))
     assert (len(slow), len(fast)) == (6, 5)
-    mixed = (slow + b"\x01") * 3 + (fast + b"\x01") * 4
-    assert what_fits(mixed, PROTOCOL, 115200) == "wrong baud rate: they fit port.baudrate: 57600 (here 115200)"
-    assert _slower_baud((slow + b"\x01") * 4 + (fast + b"\x01") * 4, PROTOCOL, 115200) == 38400
-    assert _slower_baud((slow + b"\x01") * 5 + (fast + b"\x01") * 6, PROTOCOL, 115200) == 57600  # as many of each
+    for slow_heads, fast_heads, baud in ((3, 4, 57600), (4, 4, 38400), (5, 6, 57600)):  # at last as many bytes of each
+        mixed = (slow + b"\x01") * slow_heads + (fast + b"\x01") * fast_heads
+        assert what_fits(mixed, PROTOCOL, 115200) == f"wrong baud rate: they fit port.baudrate: {baud} (here 115200)"
 
 
 @pytest.mark.parametrize("baudrate", [9600, 57600, 115200])
 def test_sync_words_that_come_as_they_should_are_of_no_other_rate(baudrate: int) -> None:
     word = PROTOCOL.frame_layout.sync_word
-    assert _slower_baud((word + b"\x01") * 9, PROTOCOL, baudrate) == 0
     assert what_fits((word + b"\x01") * 9, PROTOCOL, baudrate) == ""
 
 
