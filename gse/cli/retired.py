@@ -6,7 +6,7 @@ A line in a script that still has one ends with exit code 2 and that sentence.
 _PLAN = "'gse plan SESSION' plans from a recorded session; without one 'gse preflight' says how long a session must be"
 _THREADS = "leave it out: a replay chooses itself, and its results are the same"
 
-_RETIRED = {
+RETIRED = {
     ("gse ci", "--cut"): "leave it out; 'gse run --port replay://FILE?cut=37' receives a session in pieces of 37 bytes",
     ("gse replay", "--expect"): (
         "'gse ci FOLDER --identifier X' compares with NAME.answers.ndjson, 'gse compare FILE --with-sensor' with what "
@@ -30,5 +30,5 @@ _RETIRED = {
 
 def retired(command: str, option: str = "") -> str | None:
     """What does now what an option did; None where there was no such option."""
-    sentence = _RETIRED.get((command, option))
+    sentence = RETIRED.get((command, option))
     return None if sentence is None else f"'{' '.join(filter(None, (command, option)))}' is retired: {sentence}"

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gse.cli.progress import ProgressBar, ReplayedShare, _bytes_of, time_left
+from drivers.session_file.reader import messages
+from drivers.session_file.records import RX
+from gse.cli.progress import ProgressBar, ReplayedShare, time_left
 
 
 @pytest.mark.parametrize(
@@ -27,14 +29,15 @@ def test_there_is_a_line_at_each_tenth_and_errors_are_counted(capsys: pytest.Cap
 
 
 SESSION = Path(__file__).parents[3] / "replays" / "golden" / "clear.mcap"
+BYTES = sum(len(message.data) for message in messages(SESSION, RX))
 
 
 def test_a_replay_on_a_terminal_says_how_far_it_is() -> None:
     """In a process of its own: whether stderr is a terminal is what decides."""
     ours, theirs = os.openpty()
-    show = f"""from pathlib import Path; from gse.cli.progress import ReplayedShare, _bytes_of
-path = Path({str(SESSION)!r}); progress = ReplayedShare(path)
-print(repr(progress.text(0)), repr(progress.text(_bytes_of(path) // 4)))"""
+    show = f"""from pathlib import Path; from gse.cli.progress import ReplayedShare
+progress = ReplayedShare(Path({str(SESSION)!r}))
+print(repr(progress.text(0)), repr(progress.text({BYTES // 4})))"""
     shown = subprocess.run([sys.executable, "-c", show], stdout=subprocess.PIPE, stderr=theirs, text=True, check=True)
     assert shown.stdout.split("\n")[0] == "'' '25 % done'"
     os.close(theirs)
@@ -44,4 +47,4 @@ print(repr(progress.text(0)), repr(progress.text(_bytes_of(path) // 4)))"""
 @pytest.mark.usefixtures("capsys")  # which is no terminal
 def test_a_replay_without_a_terminal_does_not() -> None:
     progress = ReplayedShare(SESSION)
-    assert (progress.text(0), progress.text(_bytes_of(SESSION) // 4)) == ("", "")
+    assert (progress.text(0), progress.text(BYTES // 4)) == ("", "")

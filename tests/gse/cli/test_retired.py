@@ -9,9 +9,9 @@ import pytest
 from devices.command_line import runner
 
 from gse.cli import cli
-from gse.cli.retired import _RETIRED, retired
+from gse.cli.retired import RETIRED, retired
 
-GONE = [key for key in _RETIRED if key[1]]
+GONE = [key for key in RETIRED if key[1]]
 _QUOTED = re.compile(r"'(gse [^']+)'")
 
 
@@ -34,7 +34,7 @@ def test_a_retired_option_ends_with_2_and_one_line(command, option, capsys):
     done = runner(capsys)(*command.split()[1:], "session.mcap", f"{option}=1")
     assert done.code == 2
     assert done.out == ""
-    assert done.err == f"gse: '{command} {option}' is retired: {_RETIRED[command, option]}\n"
+    assert done.err == f"gse: '{command} {option}' is retired: {RETIRED[command, option]}\n"
 
 
 @pytest.mark.parametrize(("command", "option"), GONE)
@@ -42,7 +42,7 @@ def test_a_retired_option_is_no_option_any_more(command, option):
     assert option not in options_of(command_of(command.split()[1:])[0])
 
 
-@pytest.mark.parametrize("sentence", sorted(set(_RETIRED.values())))
+@pytest.mark.parametrize("sentence", sorted(set(RETIRED.values())))
 def test_a_command_that_does_it_now_exists_with_its_options(sentence):
     for line in _QUOTED.findall(sentence):
         command, words = command_of(shlex.split(line)[1:])

@@ -58,14 +58,6 @@ def test_a_newer_list_of_leap_seconds_announces_one(tmp_path, later_finals):
     assert table.warning(LATE_NS) is None
 
 
-def test_the_list_that_comes_with_unix_systems_is_read_too(tmp_path):
-    path = tmp_path / "leap-seconds.list"
-    path.write_text("#@\t3991593600\n2272060800\t10\t# 1 Jan 1972\n3692217600\t37\t# 1 Jan 2017\n")
-    given = read_given([path])
-    assert given.leap_seconds.mjd == (41_317, 57_754)
-    assert given.leap_seconds.known_until_mjd == 61_219  # 2026-06-28
-
-
 @pytest.mark.parametrize(
     ("expires", "day"),
     [("1 January 2028", (2028, 1, 1)), ("28 June 2027", (2027, 6, 28)), ("5 Dec 2026", (2026, 12, 5))],
@@ -97,21 +89,6 @@ def test_a_leap_second_before_1971_or_of_no_size_makes_no_list(tmp_path, line):
     assert read_given([path]).leap_seconds.tai_minus_utc_s == (999.0, 1.0)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_row_has_every_digit_of_its_columns(tmp_path, later_finals, sign):
-    """x, y, UT1 - UTC and its error as the ReadMe of finals2000A has their columns."""
-    lines = later_finals.read_text().splitlines()
-    numbers = (sign * 0.123456, sign * 0.654321, sign * 0.1234567, 0.0123456)
-    texts = (f"{numbers[0]:9.6f}", f"{numbers[1]:9.6f}", f"{numbers[2]:10.7f}", f"{numbers[3]:10.7f}")
-    values = dict(zip([(18, 27), (37, 46), (58, 68), (68, 78)], texts, strict=True))
-    for (begin, end), value in values.items():
-        lines[3] = lines[3][:begin] + value + lines[3][end:]
-    path = tmp_path / "finals"
-    path.write_text("\n".join(lines))
-    row = read_given([path]).rows[int(float(lines[3][7:15]))]
-    assert row[1:5] == (numbers[2], numbers[0], numbers[1], numbers[3])
-
-
 @pytest.mark.parametrize("columns", [(18, 27), (37, 46), (58, 68), (68, 78)], ids=["x", "y", "UT1", "its error"])
 def test_a_value_of_ten_is_no_orientation_of_the_earth(tmp_path, later_finals, columns):
     lines, (begin, end) = later_finals.read_text().splitlines(), columns
@@ -138,13 +115,7 @@ def test_another_file_is_refused_in_words(tmp_path, content, words):
         read_given([path])
 
 
-def test_a_damaged_line_is_named(tmp_path, later_finals):
-    lines = later_finals.read_text().splitlines()
-    lines[5] = lines[5][:60] + "???" + lines[5][63:]
-    path = tmp_path / "finals"
-    path.write_text("\n".join(lines))
-    with pytest.raises(TruthError, match="line 6: no row of finals2000A"):
-        read_given([path])
+def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(TruthError, match="cannot read the Earth orientation file"):
         read_given([tmp_path / "nowhere"])
 

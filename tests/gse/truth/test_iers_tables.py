@@ -10,7 +10,6 @@ from gse.errors import TruthError
 from gse.truth.iers_tables import (
     LeapSeconds,
     _c04_row,
-    _finals_row,
     installed_last_mjd,
     installed_rows,
     read_given,
@@ -54,7 +53,7 @@ def test_a_line_of_c04_is_read_by_the_bytes_of_its_read_me():
 
 
 @pytest.mark.parametrize(("flag", "kind"), [("I", "measured"), ("P", "predicted"), (" ", "predicted")])
-def test_a_line_of_finals_is_read_by_the_bytes_of_its_read_me(flag, kind):
+def test_a_line_of_finals_is_read_by_the_bytes_of_its_read_me(tmp_path, flag, kind):
     columns = {
         (8, 15): "61000.00",
         (19, 27): "-1.654321",
@@ -63,8 +62,8 @@ def test_a_line_of_finals_is_read_by_the_bytes_of_its_read_me(flag, kind):
         (59, 68): "-3.8765432",
         (69, 78): "-4.9876543",
     }
-    row = _finals_row(with_columns("x" * 185, columns))
-    assert row == (61_000, -3.8765432, -1.654321, -2.765432, -4.9876543, kind)
+    given = read_given([written(tmp_path, FINALS_LINE, with_columns("x" * 185, columns))])
+    assert given.rows[61_000] == (61_000, -3.8765432, -1.654321, -2.765432, -4.9876543, kind)
 
 
 def test_a_row_of_finals_counts_from_its_one_line_on(tmp_path):
