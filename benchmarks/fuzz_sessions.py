@@ -218,7 +218,7 @@ def _replay(path: Path) -> None:
     report = summarise(session, assessment)
     json.dumps(report, allow_nan=False)
     shown = [
-        *plain_lines(report),
+        *plain_lines(report, "session.mcap", verbose=True, paper=True),
         *(event.text for event in session.events),
         "".join(frames_csv(session.frames.columns)),
     ]

@@ -2,6 +2,7 @@
 
 import json
 from array import array
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from drivers.whole_file import write_whole
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERNAL, EXIT_INTERRUPTED
+from gse.cli.options import gathered, json_option, paper_option, verbose_option
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import MOST_IN_MEMORY
@@ -74,23 +76,39 @@ def conclude(
     return report
 
 
-def show_report(report: dict[str, Any], *, as_json: bool, json_frames: bool) -> None:
-    """Print the verdict or the report as JSON to stdout; with --json-frames the verdict goes to stderr."""
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """How a report is printed: as JSON, or its conclusion, with all else and the table of the paper where asked."""
+
+    as_json: bool
+    verbose: bool
+    paper: bool
+
+
+printed = gathered("printed", Printed, json_option, verbose_option, paper_option)
+
+
+def show_report(report: dict[str, Any], session: Path, printed: Printed, *, json_frames: bool = False) -> None:
+    """Print the verdict on the ``session`` at a path, or the report as JSON, to stdout; with --json-frames the verdict
+    goes to stderr.
+    """
     from rich.console import Console
 
     from gse.report.terminal import print_verdict
 
-    if as_json:
+    if printed.as_json:
         click.echo(json.dumps(report))
-    else:
-        print_verdict(report, Console(stderr=True) if json_frames else None)
+        return
+    console = Console(stderr=True) if json_frames else None
+    print_verdict(report, str(session), console, verbose=printed.verbose, paper=printed.paper)
 
 
-def show_paths(folder: Path) -> None:
-    """Print the paths of session and report to stderr."""
-    for name, what in (("session.mcap", "session"), ("report.html", "report")):
+def show_path(folder: Path) -> None:
+    """Print the path of the report to stderr, or that of the session where there is none."""
+    for name, what in (("report.html", "report"), ("session.mcap", "session")):
         if (folder / name).exists():
             click.echo(f"{what}: {folder / name}", err=True)
+            return
 
 
 def applied(report: dict[str, Any], folder: Path, *, data_lost: str) -> list[Applied]:

@@ -75,7 +75,7 @@ class LiveOutputs:
     """The listeners of a session, opened after the setup and closed with the session.
 
     ``diagnose`` announces findings while the session runs, and when its verdict is to be expected. ``progress`` gives
-    the words on a replay of which so many bytes were replayed.
+    the words on a replay of which so many bytes were replayed; ``quiet`` shows nothing else of it on stderr.
     """
 
     def __init__(
@@ -85,7 +85,9 @@ class LiveOutputs:
         diagnose: bool = True,
         notes: Notes | None = None,
         progress: Callable[[int], str] = lambda replayed_bytes: "",
+        quiet: bool = False,
     ) -> None:
+        self._quiet = quiet
         self._progress = progress
         self._options = options
         self._notes = notes
@@ -118,9 +120,9 @@ class LiveOutputs:
         if self._status is not None:
             self._status.close()
         if self._live is not None:
-            from gse.report.terminal import headline
+            from gse.report.conclusion import explained
 
-            self._live.conclude(headline(report["word"], simulated=report["simulated"]), report["reasons"])
+            self._live.conclude(report["conclusion"]["headline"], explained(report["conclusion"]))
 
     def __enter__(self) -> Self:
         return self
@@ -136,10 +138,10 @@ class LiveOutputs:
             self._live.close()
 
     def _open_status(self, loop: StationLoop, folder: Path | None, live: LiveState) -> None:
-        if self._options.view == "none":
+        if self._options.view == "none" and not self._quiet:
             click.echo("to see it live: --view web", err=True)
         link = loop.session.link
-        status = StatusLine(live, folder, progress=lambda: self._progress(link.bytes_in))
+        status = StatusLine(live, folder, progress=lambda: self._progress(link.bytes_in), quiet=self._quiet)
         status.__enter__()
         self._status = live.add(status)
 

@@ -138,6 +138,12 @@ earth_orientation_option: Callable[[Any], Any] = click.option(
 json_option: Callable[[Any], Any] = click.option(
     "--json", "as_json", is_flag=True, help="Print the report as one JSON object."
 )
+verbose_option: Callable[[Any], Any] = click.option(
+    "-v", "--verbose", is_flag=True, help="Print each row, reason and event, too."
+)
+paper_option: Callable[[Any], Any] = click.option(
+    "--paper", is_flag=True, help="Print Table 4-1 of the LAPAN paper with this sensor, too."
+)
 json_frames_option: Callable[[Any], Any] = click.option(
     "--json-frames", is_flag=True, help="Print the result of each panorama as a JSON line, schema gse.frame/1."
 )

@@ -7,11 +7,13 @@ import click
 
 from gse.cli.files import DAMAGED
 from gse.cli.finish import (
+    Printed,
     applied,
     conclude,
     judge_as_stated,
+    printed,
     say_exit_code,
-    show_paths,
+    show_path,
     show_report,
 )
 from gse.cli.live_outputs import LiveOptions, LiveOutputs, live_options
@@ -20,7 +22,6 @@ from gse.cli.options import (
     earth_orientation_option,
     gathered,
     identifier_option,
-    json_option,
     leave_out_option,
     out_option,
     plots_option,
@@ -61,7 +62,7 @@ _replayed = gathered(
 @clock_error_option
 @leave_out_option
 @plots_option
-@json_option
+@printed
 @out_option
 @click.pass_context
 def command(
@@ -75,7 +76,7 @@ def command(
     clock_error_s: float | None,
     excluded: tuple[Exclusion, ...],
     plots: bool,
-    as_json: bool,
+    printed: Printed,
     out: Path,
 ) -> None:
     """Replay FILE, a session or a raw capture, as if a sensor sent it. The same bytes give the same report.
@@ -86,7 +87,8 @@ def command(
     from gse.view.live_state import LiveState
 
     progress = ReplayedShare(path).text
-    with LiveOutputs(live, diagnose=options.speed != "max", progress=progress) as live_outputs:
+    paced = options.speed != "max"
+    with LiveOutputs(live, diagnose=paced, progress=progress, quiet=not (paced or printed.verbose)) as live_outputs:
         replay = replay_session(
             path,
             options=options,
@@ -99,8 +101,8 @@ def command(
         assessment = judge_as_stated(replay.session, clock_error_s, excluded)
         report = conclude(replay.session, assessment, folder, replay.own_elapsed_us, plots=plots)
         live_outputs.conclude(report)
-    show_report(report, as_json=as_json, json_frames=live.json_frames)
-    show_paths(folder)
+    show_report(report, path, printed, json_frames=live.json_frames)
+    show_path(folder)
     ctx.exit(say_exit_code(applied(report, folder, data_lost=DAMAGED if replay.session.truncated else "")))
 
 

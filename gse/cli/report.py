@@ -12,11 +12,13 @@ from drivers.whole_file import whole_files
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.files import DAMAGED, damage_code
 from gse.cli.finish import (
+    Printed,
     applied,
     conclude,
     judge_as_stated,
+    printed,
     say_exit_code,
-    show_paths,
+    show_path,
     show_report,
 )
 from gse.cli.options import (
@@ -77,7 +79,6 @@ class _Output:
     screenshot: Path | None
     verified: Path | None
     plots: bool
-    as_json: bool
 
     def check(self, sessions: int) -> None:
         """UsageError where it cannot be made of so many sessions, or exists already."""
@@ -128,7 +129,6 @@ _output = gathered(
         "exit code 0 or 1.",
     ),
     plots_option,
-    click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout."),
 )
 
 
@@ -136,8 +136,11 @@ _output = gathered(
 @click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @_judging
 @_output
+@printed
 @click.pass_context
-def command(ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, output: _Output) -> None:
+def command(
+    ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, output: _Output, printed: Printed
+) -> None:
     """Write report.html, report.json, frames.csv, junit.xml and provenance.json of a session FILE.
 
     The same session gives the same report, byte for byte. Results that an earlier run kept are used where
@@ -148,13 +151,13 @@ def command(ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, o
     """
     output.check(len(paths))
     if len(paths) > 1:
-        ctx.exit(_report_several(paths, judging, output))
+        ctx.exit(_report_several(paths, judging, output, printed))
     if output.verified:
         ctx.exit(_verify(paths[0], judging, output.verified))
-    ctx.exit(_report_one(paths[0], judging, output))
+    ctx.exit(_report_one(paths[0], judging, output, printed))
 
 
-def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
+def _report_one(path: Path, judging: _Judging, output: _Output, printed: Printed) -> int:
     """Write and show the report of a session; the exit code."""
     from gse.report.printing import find_browser, print_to_pdf, save_picture
 
@@ -169,12 +172,12 @@ def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
     if browser and output.screenshot:
         save_picture(browser, folder / "report.html", output.screenshot)
         click.echo(f"picture: {output.screenshot}", err=True)
-    show_report(report, as_json=output.as_json, json_frames=False)
-    show_paths(folder)
+    show_report(report, path, printed)
+    show_path(folder)
     return say_exit_code(applied(report, folder, data_lost=DAMAGED if judged.session.truncated else ""))
 
 
-def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output) -> int:
+def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output, printed: Printed) -> int:
     """Write and show the report of several sessions; the exit code of the worst."""
     from gse.report.several import sessions_html, sessions_report
     from gse.report.terminal import TABLE_4_1_HEAD, aligned, table_4_1_rows
@@ -190,7 +193,7 @@ def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output)
     width = max(len(one["word"]) for one in report["sessions"])
     lines = [*(f"{one['word']:{width}}  {one['name']}" for one in report["sessions"]), ""]
     lines += aligned(TABLE_4_1_HEAD, table_4_1_rows(report))
-    click.echo(json.dumps(report) if output.as_json else "\n".join(lines))
+    click.echo(json.dumps(report) if printed.as_json else "\n".join(lines))
     click.echo(f"report: {folder / 'sessions.html'}", err=True)
     lost = [damage_code(path, damaged=one.session.truncated) for path, one in zip(paths, judged, strict=True)]
     verdicts = {one.assessment.verdict for one in judged}

@@ -15,14 +15,23 @@ from drivers.host_files import APPEND, READ
 from drivers.mock.urls import parse_mock_url
 from drivers.urlhandlers.protocol_sim import register
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
-from gse.cli.finish import Applied, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
+from gse.cli.finish import (
+    Applied,
+    Printed,
+    applied,
+    conclude,
+    judge_as_stated,
+    printed,
+    say_exit_code,
+    show_path,
+    show_report,
+)
 from gse.cli.live_outputs import LiveOptions, LiveOutputs, live_options
 from gse.cli.options import (
     clock_error_option,
     duration_option,
     earth_orientation_option,
     identifier_option,
-    json_option,
     out_option,
     plots_option,
     station_option,
@@ -149,7 +158,7 @@ _MOST_LISTED = 3
 @clock_error_option
 @earth_orientation_option
 @plots_option
-@json_option
+@printed
 @out_option
 @click.pass_context
 def command(
@@ -165,7 +174,7 @@ def command(
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
     plots: bool,
-    as_json: bool,
+    printed: Printed,
     out: Path,
 ) -> None:
     """Receive, record, identify, compare, show, judge.
@@ -206,7 +215,7 @@ def command(
                 live_outputs.conclude(report)
         terminal.settle()
         if report:
-            show_report(report, as_json=as_json, json_frames=live.json_frames)
+            show_report(report, session.folder or out, printed, json_frames=live.json_frames)
         terminal.settle()
         ctx.exit(session.finish(report, found))
 
@@ -216,12 +225,12 @@ class _Session:
 
     def __init__(self, detachment: Detachment | None) -> None:
         self._detachment = detachment
-        self._folder: Path | None = None
+        self.folder: Path | None = None
         self._status: StatusFile | None = None
 
     def opened(self, folder: Path, status: "StatusFile") -> None:
         """Print the path of the recording, and how to end the session."""
-        self._folder, self._status = folder, status
+        self.folder, self._status = folder, status
         if self._detachment is not None:
             self._detachment.into(folder)
         _say(f"recording: {folder / 'session.mcap'}")
@@ -252,10 +261,10 @@ class _Session:
                 self._status.close(exit_code_of(error))
             raise
         except (Exception, KeyboardInterrupt) as error:
-            if self._folder is None:
+            if self.folder is None:
                 raise
             code = unexpected(error)
-            return None, [*found, (code, f"no verdict; make the report with: gse report {self._folder}")]
+            return None, [*found, (code, f"no verdict; make the report with: gse report {self.folder}")]
 
     def _judged(
         self, live: "LiveSession", ending: Ending, clock_error_s: float | None, *, plots: bool
@@ -274,8 +283,8 @@ class _Session:
 
     def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
         """Print the paths and the exit code."""
-        if self._folder is not None:
-            show_paths(self._folder)
+        if self.folder is not None:
+            show_path(self.folder)
         code = say_exit_code(found)
         if self._status is not None:
             self._status.close(code, report["verdict"] if report else None)

@@ -68,8 +68,9 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     """Write it; returns the verdict and its level, for the bar of the page, and the exit code."""
     from gse.cli.finish import judge_as_stated
     from gse.cli.progress import judged_with_progress
+    from gse.report.conclusion import explained
     from gse.report.metric_table import metrics_in_markdown
-    from gse.report.terminal import headline
+    from gse.report.summary import summarise
     from gse.station.setup import catalog_of
     from gse.view.saved_view import save_view
 
@@ -78,17 +79,18 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     if clock_error_s is not None:
         assessment = judge_as_stated(session, clock_error_s, ())
     utc_ns = int(session.frames.columns["utc_ns"][0]) if len(session.frames) else None
-    statistics, verdict = assessment.statistics, headline(assessment.word, simulated=assessment.simulated)
+    statistics, told = assessment.statistics, summarise(session, assessment)["conclusion"]
+    verdict, why = told["headline"], explained(told)
     save_view(
         session,
         catalog_of(session.station, utc_ns),
         recording,
         verdict,
-        assessment.reasons,
+        why,
         own=statistics.own,
         metrics=metrics_in_markdown(statistics),
     )
-    shown = "; ".join([verdict, *assessment.reasons[:1]]), level_of(verdict)
+    shown = "; ".join([verdict, *why]), level_of(verdict)
     return shown, damage_code(path, damaged=session.truncated)
 
 

@@ -9,11 +9,12 @@ from typing import Any
 
 from drivers.whole_file import whole_files
 from gse.errors import UsageError
+from gse.report.conclusion import conclusion_lines
 from gse.report.frames_csv import frames_csv
 from gse.report.page import report_html
 from gse.report.provenance import Provenance, provenance, report_sha256
 from gse.report.summary import summarise
-from gse.report.terminal import is_simple, risk_text
+from gse.report.terminal import further_lines, is_simple, risk_text
 from gse.station.session_data import SessionData
 from gse.verdict.assessment import Assessment
 
@@ -32,7 +33,7 @@ def junit_xml(report: dict[str, Any]) -> str:
         "name": "verdict",
         "relative": report["relative"],
         "outcome": report["verdict"],
-        "reason": "\n".join(report["reasons"]),
+        "reason": "\n".join([*conclusion_lines(report["conclusion"], "SESSION"), *further_lines(report)]),
     }
     measurements = [*report["measurements"], verdict]
     outcomes = [measurement["outcome"] for measurement in measurements]
@@ -53,7 +54,10 @@ def junit_xml(report: dict[str, Any]) -> str:
 
 def _case(measurement: dict[str, Any], report: dict[str, Any]) -> ET.Element:
     case = ET.Element("testcase", classname=f"gse.{measurement['subject']}", name=measurement["name"])
-    text = report["word"] if measurement["subject"] == _SESSION else _figures(measurement)
+    if measurement["subject"] == _SESSION:
+        text = "; ".join(conclusion_lines(report["conclusion"], "SESSION"))
+    else:
+        text = _figures(measurement)
     if measurement["relative"]:
         text += "; relative to a mount fitted on the same sky: absolute pointing, site and clock not tested"
     if is_simple(report) and "false_pass_risk" in measurement:

@@ -17,7 +17,7 @@ from drivers.outside_text import plain_lines
 from gse.process.jit import compiled_folder
 from gse.report.metric_table import metric_table
 from gse.report.provenance import Provenance, canonical, fingerprint
-from gse.report.terminal import is_simple, quantity, risk_text
+from gse.report.terminal import further_lines, is_simple, quantity, risk_text
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.metrics import is_drift_given
@@ -63,6 +63,7 @@ def report_html(
     drawn = _drawn(session, assessment, times_recorded=times_recorded) if plots else None
     return _template().render(
         report=report,
+        further=further_lines(report),
         simple=is_simple(report),
         fingerprint=canonical(fingerprint(report)),
         style=_resource("report.css"),

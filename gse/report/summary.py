@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
 from gse.station.session_data import SessionData
 from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Row
@@ -107,7 +108,7 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
     if external is not None:
         report["external_identifier"] = external
     document: dict[str, Any] = plain(report)
-    return document
+    return document | {"conclusion": conclusion(document)}
 
 
 def external_identifier(session: SessionData) -> dict[str, Any] | None:

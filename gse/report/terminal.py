@@ -1,14 +1,14 @@
-"""The verdict on the terminal: what came out, why, and the paper's Table 4-1 beside it."""
+"""The verdict on the terminal: its conclusion; where asked every row, reason and fact, or Table 4-1 of the paper."""
 
 from itertools import groupby
 from operator import itemgetter
 from typing import Any
 
 from rich.console import Console
-from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from gse.report.conclusion import SET_UP, conclusion_lines
 from gse.statistics.decision import Outcome
 from gse.values.limits import Decision
 
@@ -17,36 +17,40 @@ _LEAST_RISK = 1e-3
 _HEAD = ("subject", "row", "value", "U 95 %", "limit", "outcome")
 
 
-def print_verdict(report: dict[str, Any], console: Console | None = None) -> None:
-    """Print a report (as ``summarise`` gives it) to stdout; without boxes and colours where that is not a terminal."""
+def print_verdict(
+    report: dict[str, Any], session: str, console: Console | None = None, *, verbose: bool = False, paper: bool = False
+) -> None:
+    """Print a report (as ``summarise`` gives it) on the ``session`` at a path to stdout; coloured on a terminal.
+
+    The conclusion has at most eleven lines. ``verbose`` adds all else, ``paper`` Table 4-1 of the LAPAN paper.
+    """
     console = console or Console(highlight=False)
     if not console.is_terminal:
-        console.print("\n".join(plain_lines(report)), markup=False, soft_wrap=True)
+        console.print(
+            "\n".join(plain_lines(report, session, verbose=verbose, paper=paper)), markup=False, soft_wrap=True
+        )
         return
-    colour = _COLOURS[report["verdict"]]
-    reasons = [Text(f"  {reason}") for reason in report["reasons"]]
-    head = Text(headline(report["word"], simulated=report["simulated"]), style=f"bold {colour}")
-    console.print(Panel(Text("\n").join([head, *reasons]), border_style=colour, expand=False))
-    console.print()
-    console.print(_table(_head(report)[1:], _below_subjects(measurement_rows(report))))
-    console.print()
-    console.print(_table(TABLE_4_1_HEAD, table_4_1_rows(report)))
-    console.print()
-    console.print("\n".join(facts(report)), markup=False, highlight=False)
+    head, *lines = conclusion_lines(report["conclusion"], session, console.width)
+    console.print(Text(head, style=f"bold {_COLOURS[report['verdict']]}"))
+    console.print(Text("\n".join(lines)), soft_wrap=True)
+    if verbose:
+        console.print()
+        console.print(_table(_head(report)[1:], _below_subjects(measurement_rows(report))))
+        console.print()
+        console.print("\n".join(facts(report)), markup=False, highlight=False)
+    if paper:
+        console.print()
+        console.print(_table(TABLE_4_1_HEAD, table_4_1_rows(report)))
 
 
-def plain_lines(report: dict[str, Any]) -> list[str]:
-    """The same as lines of plain text."""
-    return [
-        headline(report["word"], simulated=report["simulated"]),
-        *(f"  {reason}" for reason in report["reasons"]),
-        "",
-        *aligned(_head(report), measurement_rows(report)),
-        "",
-        *aligned(TABLE_4_1_HEAD, table_4_1_rows(report)),
-        "",
-        *facts(report),
-    ]
+def plain_lines(report: dict[str, Any], session: str, *, verbose: bool = False, paper: bool = False) -> list[str]:
+    """The same as lines of plain text, none of them folded."""
+    lines = conclusion_lines(report["conclusion"], session)
+    if verbose:
+        lines += ["", *aligned(_head(report), measurement_rows(report)), "", *facts(report)]
+    if paper:
+        lines += ["", *aligned(TABLE_4_1_HEAD, table_4_1_rows(report))]
+    return lines
 
 
 TABLE_4_1_HEAD = ("as table 4-1 of the LAPAN paper", "|dRA| deg", "arcmin", "|dDE| deg", "arcmin", "time")
@@ -86,11 +90,6 @@ def risk_text(row: dict[str, Any]) -> str:
     return f"{100 * risk:.1f} %" if risk >= _LEAST_RISK else f"below {100 * _LEAST_RISK:g} %"
 
 
-def headline(word: str, *, simulated: bool) -> str:
-    """A verdict as it is printed, marked where no sensor took part."""
-    return f"{word} (SIMULATED)" if simulated else word
-
-
 def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
     """The sensor under test above those of the paper, in degrees and arcmin."""
     return [
@@ -100,7 +99,7 @@ def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def facts(report: dict[str, Any]) -> list[str]:
-    """Frames, link, and what truth leaves open, a line each."""
+    """What the conclusion leaves out, a line each: frames, link, truth, sky, the other reasons and findings."""
     found, link, budget = report["identification"], report["link"], report["truth_budget"]
     lines = [
         f"frames: {sum(found['statuses'].values())} of {found['frames_expected']} expected, "
@@ -114,11 +113,18 @@ def facts(report: dict[str, Any]) -> list[str]:
         lines.insert(0, "decision: simple: the value alone decides, uncertainty does not count")
     lines += sky_lines(report["sky"])
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
-    lines += [f"not tested: {line}" for line in report["not_tested"]]
-    lines += [f"note: {finding}" for finding in report["findings"] if finding not in report["reasons"]]
+    lines += [f"also: {line}" for line in further_lines(report)]
     if link["truncated"]:
         lines.append("the session is damaged or lost its end: this covers what is left of it")
     return lines
+
+
+def further_lines(report: dict[str, Any]) -> list[str]:
+    """The reasons and findings that the conclusion does not say, each once."""
+    told = report["conclusion"]
+    said = tuple(text for text in (told["reason"], told["cause"], told["note"]) if text)
+    lines = dict.fromkeys(line.removeprefix(SET_UP) for line in (*report["reasons"], *report["findings"]))
+    return [line for line in lines if not line.startswith(said)]  # the conclusion says a cause without its next step
 
 
 def external_lines(program: dict[str, Any] | None) -> list[str]:
@@ -136,16 +142,21 @@ def external_lines(program: dict[str, Any] | None) -> list[str]:
     return lines
 
 
+THIN_CLOUD = "Thin cloud that lasts the whole session cannot be seen; set sensor.zero_point_mag to detect it."
+
+
 def sky_lines(sky: dict[str, Any] | None) -> list[str]:
-    """What the sky was like, in a line; none of a session without frames."""
+    """What the sky was like; nothing of a session without frames."""
     if sky is None:
         return []
     shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in sky["shares"].items())
     depth = "" if sky["limiting_mag"] is None else f"; stars to magnitude {sky['limiting_mag']:.1f}"
     seen = "" if sky["seen_share"] is None else f", {100 * sky['seen_share']:.0f} % of the expected ones"
     is_own = "clear" in sky["shares"] and "stated_zero_point_mag" not in sky
-    against = " (against the clearest part of the session: thin cloud that stays is not told)" if is_own else ""
-    return [f"sky: {shares}{depth}{seen}{against}"]
+    lines = [f"sky: {shares}{depth}{seen}"]
+    if is_own:
+        lines.append(f"sky: {THIN_CLOUD}")
+    return lines
 
 
 def quantity(value: float | None, unit: str) -> str:

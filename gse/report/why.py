@@ -14,9 +14,9 @@ import yaml
 from drivers.chunk import LinkEvent
 from drivers.whole_file import new_file
 from gse.config.edit import with_values
-from gse.report.terminal import headline
+from gse.report.conclusion import conclusion_lines, next_steps
+from gse.report.terminal import further_lines
 from gse.station.events import StationKind
-from gse.station.exclusions import Cause
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.values import instant
@@ -30,23 +30,17 @@ _GLUE = "\N{NO-BREAK SPACE}"
 _QUIET = {"OPENED", "SYNCING", "STREAMING", "CLOSED"}
 """The ordinary course of a session."""
 
-_STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
-
-
-_NO_SKY = (Cause.NO_SKY, Cause.NO_OBJECTS)
-_NIGHT_STEP = "repeat it under a clear, dark sky, without a lens cap; when it is dark: gse preflight --station FILE"
-
 
 def why_page(report: dict[str, Any], events: Sequence[LinkEvent], session: str) -> str:
     """The page, from a report (as ``summarise`` gives it) and the events; ``session`` stands in the commands."""
     return "\n".join(
         [
-            *_head(report),
+            *_head(report, session),
             "",
             "What happened",
             *_events(events),
             "",
-            "Why",
+            "Also",
             *_why(report),
             "",
             "What next",
@@ -55,20 +49,15 @@ def why_page(report: dict[str, Any], events: Sequence[LinkEvent], session: str) 
     )
 
 
-def _head(report: dict[str, Any]) -> Iterator[str]:
-    facts, found = report["session"], report["identification"]
-    verdict = headline(report["word"], simulated=report["simulated"])
-    yield f"{verdict}: {facts['sensor']}, {_span(facts)}"
+def _head(report: dict[str, Any], session: str) -> Iterator[str]:
+    """The conclusion, whole, and what came."""
+    for line in conclusion_lines(report["conclusion"] | {"next": ""}, session):
+        yield from _item(line, "")
+    found = report["identification"]
     identified = found["statuses"].get("IDENTIFIED", 0)
     what = "answers of its own, no panoramas" if list(found["subjects"]) == [Subject.SENSOR] else "panoramas"
     lost = found["frames_expected"] - sum(found["statuses"].values())
     yield f"{found['frames']} {what}, {identified} identified, {lost} lost"
-
-
-def _span(facts: dict[str, Any]) -> str:
-    if facts["first_utc"] is None:
-        return "no panorama came"
-    return f"{facts['first_utc'][:19]}Z for {facts['duration_s']:.0f} s"
 
 
 def _events(events: Sequence[LinkEvent]) -> Iterator[str]:
@@ -94,43 +83,25 @@ def _clock(event: LinkEvent) -> str:
 
 
 def _why(report: dict[str, Any]) -> Iterator[str]:
-    findings = [f"{item['cause']}: {item['size']}" for item in report["diagnosis"]]
-    equals = [", ".join(item["equals"]) for item in report["diagnosis"]]
-    for line, others in zip(findings, equals, strict=True):
-        yield from _item(line + (f" - or, which this session cannot tell apart: {others}" if others else ""))
-    said = set(report["findings"])
-    reasons = [reason for reason in report["reasons"] if reason.removeprefix("set-up: ") not in said]
-    for reason in reasons[:_MOST_REASONS]:
-        yield from _item(reason)
-    if len(reasons) > _MOST_REASONS:
-        yield f"  and {len(reasons) - _MOST_REASONS} more reasons: see the report"
-    if not findings and not reasons:
-        yield "  every row of the verdict passes, and no cause of an error is to be seen"
+    """The other reasons and findings; nothing is said twice."""
+    lines = further_lines(report)
+    for line in lines[:_MOST_REASONS]:
+        yield from _item(line)
+    if len(lines) > _MOST_REASONS:
+        yield f"  and {len(lines) - _MOST_REASONS} more: see the report"
+    if not lines:
+        yield "  nothing more"
 
 
 def _next(report: dict[str, Any], session: str) -> Iterator[str]:
-    steps = [item["next_step"] for item in report["diagnosis"] if item["next_step"]]
-    if report.get("external_identifier", {}).get("failures"):
-        steps.append(_STDERR_STEP)
-    if not steps and report["verdict"] == "INCONCLUSIVE" and _saw_no_sky(report):
-        steps = [_NIGHT_STEP]
-    if not steps:
-        steps = {
-            "PASS": ["nothing; the report is made by: gse report SESSION"],
-            "INCONCLUSIVE": ["see how much longer a session must be: gse plan SESSION"],
-        }.get(report["verdict"], ["look at the errors over time: gse view SESSION"])
-    for step in dict.fromkeys(steps):
+    if report["verdict"] == "PASS":
+        yield from _step(f"nothing more; the report is made by: gse report {session}")
+    for step in next_steps(report):
         yield from _step(step.replace("SESSION", session))
     if report["verdict"] != "PASS":
         yield from _step(
             f"what each message means: docs/troubleshooting.md; for a maintainer: gse why {session} --bundle FILE"
         )
-
-
-def _saw_no_sky(report: dict[str, Any]) -> bool:
-    """Whether no sky was to be seen in most of the session, so that a longer one like it decides nothing."""
-    blind = sum(item["frames"] for item in report["exclusions"] if item["cause"] in _NO_SKY)
-    return bool(2 * blind > report["identification"]["frames"])
 
 
 def _step(text: str) -> list[str]:
@@ -139,9 +110,10 @@ def _step(text: str) -> list[str]:
     return [line.replace(_GLUE, " ") for line in _item(whole)]
 
 
-def _item(text: str) -> list[str]:
+def _item(text: str, indent: str = "  ") -> list[str]:
+    below = indent + "  "
     return textwrap.wrap(
-        text, WIDTH, initial_indent="  ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        text, WIDTH, initial_indent=indent, subsequent_indent=below, break_long_words=False, break_on_hyphens=False
     )
 
 

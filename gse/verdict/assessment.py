@@ -33,6 +33,9 @@ TRUTH_SHARE = 3.0
 LEFT_OUT = ": neither limit nor data: "
 """Between a subject and the names of its rows that a report leaves out, in a line of ``not_tested``."""
 
+RELATIVE = "relative to a mount fitted on the first"
+"""What a line of the reasons begins with that says so; it is no reason against PASS."""
+
 _SIMULATED = ("sim://", "simulated")
 
 
@@ -149,7 +152,7 @@ def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:
 
 def _relative_to(session: SessionData) -> str:
     align_s = session.station.mount.align_s or 0.0
-    return f"relative to a mount fitted on the first {align_s:g} s: absolute pointing, site and clock not tested"
+    return f"{RELATIVE} {align_s:g} s: absolute pointing, site and clock not tested"
 
 
 def is_left_out(row: Row, station: Station) -> bool:

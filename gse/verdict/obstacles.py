@@ -52,6 +52,9 @@ FEW_RESTARTS = 2
 and again was away."""
 
 
+NOTHING_COMPARED = "no subject has errors against truth, availability and false answers: nothing can pass"
+
+
 def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -> Iterator[str]:
     """A line per reason why a session cannot pass, the gravest first."""
     left_out = tuple(_all_excluded(stats))
@@ -77,7 +80,7 @@ def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
         for subject in {row.subject for row in rows}
     ]
     if not any(core <= names for names in tested):
-        yield "no subject has errors against truth, availability and false answers: nothing can pass"
+        yield NOTHING_COMPARED
 
 
 def _no_temperature(session: SessionData) -> Iterator[str]:

@@ -74,15 +74,10 @@ def _at_the_end(facts: Facts) -> Word:
         return Word("JUDGING", Level.IDLE, "the session is closed; its verdict follows")
     if not facts.verdict:
         return Word("ENDED", Level.WARN, "the session ended without a verdict")
-    why = "; ".join(_most_useful(facts)) or "every limit is kept"
+    why = "; ".join(facts.reasons)
     verdict = bare_verdict(facts.verdict)
     qualified = f"{facts.verdict}: " if facts.verdict != verdict else ""
     return Word(f"DONE: {verdict}", level_of(facts.verdict), qualified + why)
-
-
-def _most_useful(facts: Facts) -> tuple[str, ...]:
-    """The first reason of a verdict, and the cause that was found, where one was."""
-    return (*facts.reasons[:1], facts.cause) if facts.reasons and facts.cause else facts.reasons[:2]
 
 
 def level_of(verdict: str) -> Level:

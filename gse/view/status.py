@@ -73,7 +73,8 @@ class StatusLine:
     """A display and context manager: one line, renewed twice a second.
 
     It is written to stderr; where that is no terminal there is a line for each STATE_EVERY_NS of the data's time.
-    ``folder`` is the session folder: the free space of its disk is shown. ``progress`` says how far a replay is.
+    ``folder`` is the session folder: the free space of its disk is shown. ``progress`` says how far a replay is; with
+    ``quiet`` there is nothing but the line, and that on a terminal only.
     """
 
     def __init__(
@@ -83,8 +84,10 @@ class StatusLine:
         console: Console | None = None,
         *,
         progress: Callable[[], str] = lambda: "",
+        quiet: bool = False,
     ) -> None:
         self._progress = progress
+        self._quiet = quiet
         self._console = console or Console(stderr=True, highlight=False)
         self._is_terminal = self._console.is_terminal
         self._width = self._console.width
@@ -99,7 +102,7 @@ class StatusLine:
 
     def on_results(self, results: FrameResults, so_far: SessionSoFar) -> None:
         """Print a line where there is no terminal, and one is due."""
-        if self._is_terminal or so_far.utc_ns < self._due_ns:
+        if self._is_terminal or self._quiet or so_far.utc_ns < self._due_ns:
             return
         self._due_ns = so_far.utc_ns + STATE_EVERY_NS
         # Without rich, which needs a millisecond: a replay of a long session writes thousands of lines.
@@ -107,7 +110,8 @@ class StatusLine:
 
     def on_event(self, event: LinkEvent, so_far: SessionSoFar) -> None:
         """Announce the event, each kind once; the state of the link stays in the line."""
-        self._announcer.on_event(event)
+        if not self._quiet:
+            self._announcer.on_event(event)
 
     def line(self) -> Text:
         """The line as it is now, no longer than the terminal is wide: what matters least is left out."""

@@ -84,7 +84,7 @@ def test_a_session_without_anything_to_compare_is_no_side_of_a_comparison(whole:
 def test_a_session_without_its_head_is_not_called_simulated(head: Path, tmp_path: Path, gse: Gse) -> None:
     for again in range(2):  # the second time from kept results
         done = gse("report", head, "--out", tmp_path / str(again))
-        assert (done.code, done.out.splitlines()[0]) == (3, "INCONCLUSIVE")
+        assert (done.code, done.out.splitlines()[0]) == (3, "INCONCLUSIVE: LAPAN-like (onboard), no frame came")
 
 
 def test_the_camera_of_a_session_without_its_head_can_be_fitted_with_a_station_file(

@@ -68,7 +68,7 @@ def test_the_glance_page_has_its_errors_and_no_stars(session):
 
 
 def test_its_report_claims_nothing_of_stars_that_nobody_saw(gse, session, tmp_path):
-    done = gse("replay", session, "--plots", "--out", tmp_path)
+    done = gse("replay", session, "--plots", "--verbose", "--out", tmp_path)
     (page,) = (path.read_text() for path in tmp_path.glob("*/report.html"))
     assert "Not seen: the sensor sends answers of its own and no panoramas" in page
     assert "Processing time, as the sensor states it" in page

@@ -82,7 +82,7 @@ def test_a_value_that_decides_alone_is_said_to_do_so_with_its_risk() -> None:
     risks = {row["name"]: row["false_pass_risk"] for row in report["measurements"] if row["outcome"] == "PASS"}
     assert f'<td class="PASS">PASS</td><td class="n">{100 * risks["availability"]:.1f} %</td>' in page
     assert '<td class="PASS">PASS</td><td class="n">not known</td>' in page  # of errors that are too short to tell
-    lines = plain_lines(report)
+    lines = plain_lines(report, "night.mcap", verbose=True)
     assert "decision: simple: the value alone decides, uncertainty does not count" in lines
     assert next(line for line in lines if "mean |dRA*|" in line).endswith("not known")
     assert "decided by the value alone, risk of a false PASS" in junit_xml(report)
@@ -90,7 +90,9 @@ def test_a_value_that_decides_alone_is_said_to_do_so_with_its_risk() -> None:
 
 def test_a_guarded_report_says_nothing_of_such_a_risk(stated) -> None:
     report, page = stated
-    assert "risk of a false PASS" not in page + "".join(plain_lines(report)) + junit_xml(report)
+    assert "risk of a false PASS" not in page + "".join(plain_lines(report, "night.mcap", verbose=True)) + junit_xml(
+        report
+    )
 
 
 def test_each_deviation_has_a_line_of_its_own() -> None:

@@ -80,7 +80,7 @@ def test_the_word_for_a_limit_names_it() -> None:
 
 
 def test_a_verdict_on_a_simulated_sky_says_so_below_the_word() -> None:
-    ended = replace(ON, phase=Phase.ENDED, verdict="PASS, relative (SIMULATED)")
+    ended = replace(ON, phase=Phase.ENDED, verdict="PASS, relative (SIMULATED)", reasons=("every limit is kept",))
     assert word_of(ended).detail == "PASS, relative (SIMULATED): every limit is kept"
     assert word_of(replace(ended, verdict="PASS")).detail == "every limit is kept"
 

@@ -1,0 +1,123 @@
+"""The conclusion of a session: short on a terminal, and the same words wherever a person or a program reads them."""
+
+import copy
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gse.report.conclusion import conclusion, conclusion_lines, explained
+from gse.report.files import junit_xml
+from gse.report.page import report_html
+from gse.report.summary import summarise
+from gse.report.terminal import plain_lines
+from gse.report.why import why_page
+from gse.sessions.replay import replay_session
+from gse.verdict.assessment import judge
+from gse.view.glance_word import Facts, Phase, word_of
+
+REPLAYS = Path(__file__).parents[3] / "replays"
+SESSIONS = sorted(
+    path
+    for pattern in (
+        "golden/*.mcap",
+        "lowell/00*.mcap",
+        "night-sky/rooftop*-subpixel.mcap",
+        "night-sky/tripod*05sec*.mcap",
+    )
+    for path in REPLAYS.glob(pattern)
+)
+MOST_LINES = 10
+"""Of a conclusion on 80 columns; the paths of the report and the exit code make them twelve."""
+
+
+def words(text: str) -> str:
+    """A text without what folding and markup add."""
+    return " ".join(html.unescape(re.sub("<[^>]*>", "", text)).split())
+
+
+@pytest.fixture(scope="module", params=SESSIONS, ids=lambda path: path.stem)
+def judged(request: pytest.FixtureRequest) -> tuple[Any, Any, dict[str, Any]]:
+    session = replay_session(request.param).session
+    assessment = judge(session)
+    return session, assessment, summarise(session, assessment)
+
+
+def test_there_are_twenty_sessions() -> None:
+    assert len(SESSIONS) >= 20
+
+
+def test_every_screen_says_the_same(judged) -> None:
+    session, assessment, report = judged
+    told = report["conclusion"]
+    said = [text for key in ("headline", "subject", "reason", "cause", "note") if (text := told[key])]
+    assert len(said) >= 3
+    page = report_html(session, assessment, report, plots=False)
+    screens = {
+        "terminal": "\n".join(plain_lines(report, "SESSION")),
+        "why": why_page(report, session.events, "SESSION"),
+        "page": page[page.index("<body>") : page.index("<table>")],
+        "junit": junit_xml(report),
+    }
+    for name, text in screens.items():
+        for part in said:
+            assert " ".join(part.split()) in words(text), (name, part)
+    live = word_of(Facts(phase=Phase.ENDED, verdict=told["headline"], reasons=tuple(explained(told))))
+    assert live.text == f"DONE: {report['verdict']}"
+    assert live.detail.endswith("; ".join(explained(told)))
+    assert json.loads(json.dumps(report))["conclusion"] == told
+
+
+def test_a_terminal_of_eighty_columns_gets_ten_lines_at_most_with_the_commands_in_one_piece(judged) -> None:
+    told = judged[2]["conclusion"]
+    lines = conclusion_lines(told, "sessions/20260320T150000Z-LAPAN-like", 80)
+    assert len(lines) <= MOST_LINES
+    assert sum(line.startswith(("why: ", "cause: ", "note: ", "next: ", "not tested: ")) for line in lines) >= 2
+    if "gse plan SESSION" in told["next"]:
+        assert any("gse plan sessions/20260320T150000Z-LAPAN-like" in line for line in lines)
+
+
+def test_what_is_too_long_for_a_terminal_ends_with_dots() -> None:
+    told = {
+        "headline": "FAIL",
+        "subject": "x",
+        "reason": "far too much " * 40,
+        "cause": "y " * 400,
+        "note": "",
+        "next": "go on: gse plan SESSION",
+        "not_tested": [],
+    }
+    lines = conclusion_lines(told, "s", 80)
+    assert [line for line in lines if line.endswith(" ...")] == [lines[2], lines[5]]
+    assert lines[-1] == "next: go on: gse plan s"
+    assert all(len(line) <= 80 for line in lines)
+
+
+@pytest.fixture(scope="module")
+def cloudy() -> dict[str, Any]:
+    session = replay_session(REPLAYS / "golden" / "cloudy.mcap").session
+    return summarise(session, judge(session))
+
+
+def test_rows_without_data_are_not_listed_and_a_required_one_is(cloudy) -> None:
+    assert not any("no frame has it" in line for line in cloudy["conclusion"]["not_tested"])
+    required = copy.deepcopy(cloudy)
+    (row,) = (row for row in required["measurements"] if "identification time" in row["name"])
+    row["requirement"] = {"id": "R-1", "method": "test"}
+    assert conclusion(required)["not_tested"][0] == row["reason"]
+
+
+def test_bytes_without_a_frame_are_named_as_what_they_are(cloudy) -> None:
+    junk = copy.deepcopy(cloudy) | {"diagnosis": [], "findings": [], "reasons": []}
+    junk["identification"]["frames"] = 0
+    junk["session"]["first_utc"] = None
+    junk["link"] |= {"bytes_in": 3000, "bytes_discarded": 3000}
+    told = conclusion(junk)
+    assert told["reason"] == "3,000 bytes, and no valid frame in them"
+    assert told["next"].endswith("gse decode --try SESSION")
+    assert told["subject"] == "LAPAN-like (onboard), no frame came"
+    junk["link"] |= {"bytes_in": 0, "bytes_discarded": 0}
+    assert conclusion(junk)["reason"] == "nothing came: not one byte was received"
