@@ -43,7 +43,7 @@ ELSEWHERE = {
     r"\./onboard": "the reader's own program",
     r"^gse (note \"dew|status --stop \S)": "needs a running session of this name",
 }
-_GOES_ON = re.compile(r"^gse (emulate|view \S+ --web)")
+_GOES_ON = re.compile(r"^gse (emulate|view( \S+)? --view web)")
 ENDED_AFTER_S = 12
 _WRONG = (2, 4, 70)
 SHORTER = (
@@ -103,7 +103,7 @@ def prepared(folder: Path) -> Iterator[None]:
                 f"gse config init roof.yaml --yes --port {port}",
                 "cp roof.yaml station.yaml; mkdir -p .config/fish/completions",
                 f"mkdir -p nights {SESSION} sessions/20260320T183000Z-sensor",
-                "gse simulate --seconds 120 --start 2026-03-20T18:29:00Z --file nights/one.mcap",
+                "gse simulate --seconds 120 --start-utc 2026-03-20T18:29:00Z --file nights/one.mcap",
                 f"cp nights/one.mcap {SESSION}/session.mcap",
                 f"cp {ROOT}/replays/golden/own-answers.mcap sessions/20260320T183000Z-sensor/session.mcap",
                 "cp nights/one.mcap session.mcap; cp nights/one.mcap before.mcap; cp nights/one.mcap after.mcap",

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from gse.cli import cli
+from gse.cli.commands import whole_help
 
 HEAD = """\
 # The command line
@@ -22,7 +23,7 @@ apply: 70, 3, 1, 5, 130, 0; the last line on stderr gives all of them. docs/oper
 
 def pages(command: click.Command, context: click.Context) -> Iterator[str]:
     """The help of a command and of all below it."""
-    yield f"## {context.command_path}\n\n```\n{command.get_help(context)}\n```\n"
+    yield f"## {context.command_path}\n\n```\n{whole_help(context)}\n```\n"
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
             below = command.get_command(context, name)

@@ -27,7 +27,11 @@ def report_and_view(folder: Path) -> None:
     for picture, command in (("report.png", "report"), ("live-view.png", "view")):
         made = folder / picture
         out = ("--out", str(folder / "again")) if command == "report" else ()
-        subprocess.run([GSE, command, str(session), *out, "--screenshot", str(made)], check=True, capture_output=True)
+        subprocess.run(
+            [GSE, command, str(session), *out, "--out" if command == "view" else "--screenshot", str(made)],
+            check=True,
+            capture_output=True,
+        )
         made.replace(DOCS / picture)
 
 

@@ -118,7 +118,7 @@ class DataSet:
             if mark is None:
                 if not create:
                     raise UsageError(
-                        f"there is no data set in {url}; 'gse campaign judge SOURCES --to {url}' makes one"
+                        f"there is no data set in {url}; 'gse campaign judge SOURCES --out {url}' makes one"
                     )
                 if fs.exists(root) and fs.ls(root, detail=False):
                     raise UsageError(f"{url} holds other files; name a new or empty folder for the data set")

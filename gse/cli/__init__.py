@@ -22,7 +22,7 @@ import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import is_plain, plain_line, plain_lines
-from gse.cli.commands import COMMANDS, epilog
+from gse.cli.commands import COMMANDS, dressed, epilog
 from gse.cli.folding import folded
 from gse.cli.retired import retired
 from gse.errors import GseError
@@ -61,11 +61,15 @@ class _Commands(click.Group):
         module = importlib.import_module(f"gse.cli.{cmd_name}")
         command = module.command
         assert isinstance(command, click.Command)
-        command.epilog = epilog(cmd_name)
-        if isinstance(command, click.Group):
-            for name, below in command.commands.items():
-                below.epilog = epilog(f"{cmd_name} {name}")
-        return command
+        return dressed(cmd_name, command)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """``gse help COMMAND`` and ``gse version`` are what a hand types that knows other programs."""
+        if args[:1] == ["help"]:
+            args = [*args[1:], "--help"]
+        elif args == ["version"]:
+            args = ["--version"]
+        return super().parse_args(ctx, args)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -47,7 +47,7 @@ def command() -> None:
 @command.command("judge")
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCES...")
 @click.option(
-    "--to",
+    "--out",
     "dataset_url",
     required=True,
     metavar="DATASET",

@@ -1,7 +1,12 @@
-"""The commands, in the order of ``gse --help``: what each does, with the two examples that its help ends with.
+"""The commands, in the order of ``gse --help``: what each does, the two examples that its help ends with, its options
+that only ``--help-all`` shows, and names that options had before.
 
 A command is a module of its own beside this one; a new one gets a line in COMMANDS and one in EXAMPLES.
 """
+
+from collections.abc import Mapping
+
+import click
 
 COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, judge",
@@ -9,6 +14,7 @@ COMMANDS = {
     "note": "record a line of text in a running session",
     "replay": "do the same from a session or a raw capture",
     "report": "write the report of a session",
+    "sessions": "list the recorded sessions with their verdicts",
     "why": "show one page on a session: what happened, why, what next",
     "view": "show a session in rerun",
     "identify": "identify one panorama table: stars, RA, DE, roll",
@@ -38,15 +44,15 @@ EXAMPLES = {
     "gse": ("gse run", "gse run --help"),
     "run": (
         "gse run --view web",
-        "gse run --station roof.yaml --port /dev/ttyUSB0 --duration 30m",
+        "gse run roof.yaml --port /dev/ttyUSB0 --duration 30m",
     ),
     "status": ("gse status", "gse status --stop sessions/20260320T183000Z-ST-1"),
     "replay": (
         "gse replay sessions/20260320T183000Z-ST-1/session.mcap --identifier pivot",
         "gse replay capture.bin --station roof.yaml --start-utc 2026-03-20T18:30:00Z",
     ),
-    "report": ("gse report sessions/20260320T183000Z-ST-1", "gse report sessions/20260320T183000Z-ST-1 --pdf"),
-    "view": ("gse view session.mcap --web", "gse view session.mcap --screenshot session.png"),
+    "report": ("gse report", "gse report sessions/20260320T183000Z-ST-1 --pdf"),
+    "view": ("gse view --view web", "gse view session.mcap --out session.png"),
     "identify": (
         "gse identify panorama.csv --station roof.yaml",
         "gse identify panorama.csv --station roof.yaml --json",
@@ -69,10 +75,11 @@ EXAMPLES = {
     "selfcheck": ("gse selfcheck", "gse selfcheck --json"),
     "ci": ("gse ci replays --update", 'gse ci replays --identifier "command:./onboard"'),
     "campaign": (
-        "gse campaign judge 'nights/*' --to dataset",
+        "gse campaign judge 'nights/*' --out dataset",
         'gse campaign query dataset "select night, verdict from sessions"',
     ),
-    "why": ("gse why sessions/20260320T183000Z-ST-1", "gse why session.mcap --bundle case.zip"),
+    "sessions": ("gse sessions", "gse sessions nights --json"),
+    "why": ("gse why", "gse why session.mcap --bundle case.zip"),
     "conventions": (
         "gse conventions sessions/20260320T183000Z-sensor",
         "gse conventions sessions/20260320T183000Z-sensor --json",
@@ -90,7 +97,7 @@ EXAMPLES = {
         "gse session export session.mcap --format mcap --out results.mcap",
     ),
     "config init": ("gse config init roof.yaml", "gse config init roof.yaml --yes --port /dev/ttyUSB0"),
-    "config check": ("gse config check roof.yaml", "gse config check roof.yaml --at 2026-03-20T18:30:00Z"),
+    "config check": ("gse config check roof.yaml", "gse config check roof.yaml --start-utc 2026-03-20T18:30:00Z"),
     "config show": ("gse config show", "gse config show roof.yaml --json"),
     "catalog info": ("gse catalog info", "gse catalog info --station roof.yaml"),
     "catalog export": (
@@ -109,8 +116,8 @@ EXAMPLES = {
         "gse sensor exposure 0.05 --port /dev/ttyUSB0",
     ),
     "campaign judge": (
-        "gse campaign judge 'nights/*' --to dataset",
-        "gse campaign judge 'nights/*' --to dataset --scheduler tcp://10.0.0.1:8786",
+        "gse campaign judge 'nights/*' --out dataset",
+        "gse campaign judge 'nights/*' --out dataset --scheduler tcp://10.0.0.1:8786",
     ),
     "campaign report": ("gse campaign report dataset", "gse campaign report dataset --out campaign --pdf"),
     "campaign query": (
@@ -125,3 +132,109 @@ def epilog(name: str) -> str | None:
     r"""The last part of a help text; ``\b`` keeps click from filling the lines anew."""
     examples = EXAMPLES.get(name)
     return "\n".join(["\b", "Examples:", *(f"  {example}" for example in examples)]) if examples else None
+
+
+# Options that a first session does not need: ``--help-all`` shows them, too. They work like all others.
+
+_LIVE = ("--bind", "--http-port", "--save-rrd", "--json-frames")
+_JUDGED = ("--earth-orientation", "--plots", "--paper")
+ADVANCED: Mapping[str, tuple[str, ...]] = {
+    "run": ("--station", *_LIVE, *_JUDGED, "--identifier", "--wait-port", "--json"),
+    "replay": (*_LIVE, *_JUDGED, "--leave-out", "--start-utc"),
+    "report": (*_JUDGED, "--start-utc", "--anew", "--screenshot"),
+    "why": ("--with-site",),
+    "view": ("--bind", "--http-port"),
+    "evaluate": (
+        *("--magnitude-noise", "--missing", "--whole-pixels", "--limit", "--seed", "--workers", "--scheduler"),
+        *("--catalog", "--panoramas", "--figures"),
+    ),
+    "simulate": ("--rate-hz", "--seed", "--level", "--faults", "--file"),
+    "emulate": ("--seed", "--rate-hz", "--standby", "--start-utc", "--level"),
+    "calibrate": ("--from", "--to", "--start-utc", "--tangential"),
+    "align": ("--from", "--to", "--start-utc", "--accept-gross"),
+    "compare": ("--sigmas", "--allow", "--bias-is-regression", "--start-utc", "--anew"),
+    "conventions": ("--seconds", "--start-utc"),
+    "config init": (
+        *("--rows", "--columns", "--field-of-view-deg", "--latitude-deg", "--longitude-deg", "--height-m"),
+        *("--azimuth-deg", "--altitude-deg", "--roll-deg", "--baudrate"),
+    ),
+    "preflight": ("--earth-orientation", "--out"),
+    **{f"sensor {name}": ("--out",) for name in ("exposure", "request", "start", "status", "stop")},
+    "campaign judge": ("--scheduler", "--workers", "--session-limit", "--rehash"),
+    "ci": ("--within", "--speed"),
+}
+
+OLD_NAMES: Mapping[tuple[str, str], tuple[str, str | None]] = {
+    ("view", "--web"): ("view", "web"),
+    ("view", "--save"): ("out", None),
+    ("view", "--screenshot"): ("out", None),
+    ("simulate", "--start"): ("start", None),
+    ("emulate", "--start"): ("start", None),
+    ("preflight", "--at"): ("begins_ns", None),
+    ("config check", "--at"): ("begins_ns", None),
+    ("campaign judge", "--to"): ("dataset_url", None),
+}
+"""The parameter that an old name of an option sets, and to which value where it was a flag; for one release."""
+
+_SHOWS_ALL = "--help-all"
+
+
+def dressed(name: str, command: click.Command) -> click.Command:
+    """A command, and those below it, with examples, old names, and ``--help-all`` where it has advanced options."""
+    if command.epilog is not None:
+        return command  # of an earlier call
+    command.epilog = epilog(name)
+    if isinstance(command, click.Group):
+        for below, one in command.commands.items():
+            dressed(f"{name} {below}", one)
+    advanced = [param for param in _options(command) if set(param.opts) & set(ADVANCED.get(name, ()))]
+    command.params += [_old_name(old, *of) for (owner, old), of in OLD_NAMES.items() if owner == name]
+    if advanced:
+        command.params.append(_help_all(advanced))
+    return command
+
+
+def _options(command: click.Command) -> list[click.Option]:
+    return [param for param in command.params if isinstance(param, click.Option)]
+
+
+def _help_all(advanced: list[click.Option]) -> click.Option:
+    """The option that shows ``advanced`` ones, which the help hides otherwise."""
+    for option in advanced:
+        option.hidden = True
+
+    def show(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+        if asked:
+            click.echo(whole_help(ctx))
+            ctx.exit()
+
+    help_text = f"Show {len(advanced)} more option{'s' if len(advanced) > 1 else ''}, too."
+    return click.Option([_SHOWS_ALL], is_flag=True, is_eager=True, expose_value=False, callback=show, help=help_text)
+
+
+def whole_help(ctx: click.Context) -> str:
+    """The help of a command with its advanced options."""
+    advanced = [option for option in _options(ctx.command) if option.hidden and not _is_old(option)]
+    for option in advanced:
+        option.hidden = False
+    try:
+        return ctx.get_help()
+    finally:
+        for option in advanced:
+            option.hidden = True
+
+
+def _is_old(option: click.Option) -> bool:
+    return not option.expose_value
+
+
+def _old_name(old: str, target: str, value: str | None) -> click.Option:
+    """An option by the name that it had: it sets the parameter ``target``, to ``value`` where it was a flag."""
+
+    def hand_on(ctx: click.Context, param: click.Parameter, given: str | bool | None) -> None:
+        if given:
+            ctx.default_map = {**(ctx.default_map or {}), target: value or given}
+
+    is_flag = value is not None
+    names = [old, f"old_{old.lstrip('-')}"]
+    return click.Option(names, is_flag=is_flag, hidden=True, is_eager=True, expose_value=False, callback=hand_on)

@@ -3,6 +3,7 @@
 import functools
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import click
 
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.files import damage_code
-from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, start_utc_option
+from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, newest_sessions, say, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.sessions.expected_attitudes import ExpectedAttitudes
@@ -29,7 +30,7 @@ _OPEN = "nothing can be compared: no answer counts in one of the sessions"
 
 
 @click.command("compare")
-@click.argument("first", metavar="A", type=click.Path(path_type=Path))
+@click.argument("first", metavar="[A]", required=False, type=click.Path(path_type=Path))
 @click.argument("others", metavar="[B]...", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--identifier",
@@ -73,7 +74,7 @@ _OPEN = "nothing can be compared: no answer counts in one of the sessions"
 def command(
     ctx: click.Context,
     *,
-    first: Path,
+    first: Path | None,
     others: tuple[Path, ...],
     identifiers: tuple[str, ...],
     stations: tuple[Path, ...],
@@ -87,6 +88,8 @@ def command(
 ) -> None:
     """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
 
+    Without A: the newest session below ./sessions, and the one of the same sensor before it.
+
     The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit, in
     the answers of the identifier, or in the sensor's own where both sessions have some; 5 if nothing can be compared.
     Sessions of different panoramas are compared as over the star fields of the first. More than two sessions, of one
@@ -95,6 +98,8 @@ def command(
     --with-sensor asks whether the identifier on the host is the one in the sensor: the exit code is 1 if an answer
     differs from the ATTITUDE frame of its panorama, 5 if there is no answer to compare.
     """
+    if first is None:
+        first, others = _newest(alone=bool(with_sensor or identifiers or stations))
     if with_sensor:
         if others or len(identifiers) > 1 or len(stations) > 1:
             raise UsageError("--with-sensor compares one session with its sensor; leave out B and second options")
@@ -127,6 +132,24 @@ def command(
     document = compare_report(result) | programs
     click.echo(json.dumps(document) if as_json else "\n".join([*_lines(result), *_program_lines(programs)]))
     ctx.exit(lost or _exit_code([result]))
+
+
+def _newest(*, alone: bool) -> tuple[Path, tuple[Path, ...]]:
+    """The newest session, ``alone`` or after the one of the same sensor before it."""
+    newest, *older = newest_sessions()
+    if alone:
+        say(f"the newest session: {newest}")
+        return newest, ()
+    before = next((folder for folder in older if _sensor_in(folder) == _sensor_in(newest)), None)
+    if before is None:
+        raise UsageError(f"{newest} is the only session of its sensor below ./sessions; give a second one")
+    say(f"the newest two sessions of a sensor: {before} and {newest}")
+    return before, (newest,)
+
+
+def _sensor_in(folder: Path) -> str:
+    """The name of the sensor in that of a session folder, <UTC>-<sensor>, or <UTC>-<sensor>-2."""
+    return re.sub(r"-\d+$", "", folder.name.partition("-")[2])
 
 
 def _with_sensor(

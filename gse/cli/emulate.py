@@ -33,7 +33,7 @@ _LAST_PORT = 65535
     "--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second; default: as in the scenario."
 )
 @click.option("--standby", is_flag=True, help="Wait for the command START before sending.")
-@click.option("--start", help="UTC of the simulated sky, e.g. 2026-03-20T15:00:00Z; default: now.")
+@click.option("--start-utc", "start", help="UTC of the simulated sky, e.g. 2026-03-20T15:00:00Z; default: now.")
 @click.option("--dark", is_flag=True, help="Leave the light of the Sun out: stars at any hour, where they are now.")
 @click.option(
     "--level",
@@ -88,7 +88,7 @@ def command(
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns)
     endpoint = _endpoint(tcp_address)
     click.echo(endpoint.address)
-    seen = outlook(device, session, "--start chooses a night, --dark leaves the Sun's light out")
+    seen = outlook(device, session, "--start-utc chooses a night, --dark leaves the Sun's light out")
     click.echo(folded(seen, indent=2, err=True), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
     terminal.end_sign()

@@ -70,8 +70,35 @@ IDENTIFIER = IdentifierName()
 
 PLUG_HELP = 'PLUG is an external one: "command:PROGRAM ARGS", library:FILE or entry-point:NAME.'
 
+
+def given_or_newest(ctx: click.Context, param: click.Parameter, given: Any) -> Any:
+    """The given path or paths, or the newest session below ./sessions, which is said."""
+    if given:
+        return given
+    path = newest_sessions()[0]
+    say(f"the newest session: {path}")
+    return (path,) if param.nargs == -1 else path
+
+
+def newest_sessions() -> list[Path]:
+    """The sessions below ./sessions, newest first; UsageError where there is none."""
+    from gse.sessions.status_file import session_folders
+
+    folders = session_folders(Path("sessions"))
+    if not folders:
+        raise UsageError("there is no session below ./sessions; give the path of one, or record one with: gse run")
+    return folders[::-1]
+
+
+session_argument: Callable[[Any], Any] = click.argument(
+    "path", metavar="[SESSION]", required=False, type=click.Path(path_type=Path), callback=given_or_newest
+)
 station_option: Callable[[Any], Any] = click.option(
-    "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
+    "-s",
+    "--station",
+    "station_path",
+    type=click.Path(path_type=Path),
+    help="Station file; default: the built-in station.",
 )
 identifier_option: Callable[[Any], Any] = click.option(
     "--identifier",
@@ -88,11 +115,14 @@ def _instant(ctx: click.Context, param: click.Parameter, text: str | None) -> in
     try:
         return None if text is None else instant.from_text(text)
     except ValueError as error:
-        raise UsageError(f"--at: {error}") from error
+        raise UsageError(f"--start-utc: {error}") from error
 
 
 at_option: Callable[[Any], Any] = click.option(
-    "--at", "begins_ns", callback=_instant, help="When the session begins, e.g. 2026-03-20T15:00:00Z; default: now."
+    "--start-utc",
+    "begins_ns",
+    callback=_instant,
+    help="When the session begins, e.g. 2026-03-20T15:00:00Z; default: now.",
 )
 LOOPBACK = "127.0.0.1"
 view_option: Callable[[Any], Any] = click.option(
@@ -100,7 +130,7 @@ view_option: Callable[[Any], Any] = click.option(
     type=click.Choice(("web", "native", "none")),
     default="none",
     show_default=True,
-    help="Live view: web pages (at a glance, and rerun), rerun's window, or none.",
+    help="Show it: web pages, rerun, none.",
 )
 bind_option: Callable[[Any], Any] = click.option(
     "--bind", default=LOOPBACK, show_default=True, help="Address of the web pages; 0.0.0.0: this network."
@@ -115,7 +145,7 @@ clock_error_option: Callable[[Any], Any] = click.option(
     "--clock-error",
     "clock_error_s",
     callback=lambda ctx, param, value: _clock_error_s(value),
-    help="Upper bound of the error of the host clock, if you measured it yourself, e.g. 0.1s",
+    help="Measured bound of this clock's error: 0.1s",
 )
 anew_option: Callable[[Any], Any] = click.option(
     "--anew", is_flag=True, help="Derive all from the bytes, without results that an earlier run kept."
@@ -152,7 +182,7 @@ out_option: Callable[[Any], Any] = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("sessions"),
     show_default=True,
-    help="Folder in which the new session folder is made.",
+    help="Folder for new sessions.",
 )
 
 

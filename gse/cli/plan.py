@@ -9,9 +9,7 @@ import click
 
 from gse.cli import EXIT_FAIL
 from gse.cli.folding import folded
-from gse.cli.retired import retired
-from gse.cli.status import newest_session
-from gse.errors import UsageError
+from gse.cli.options import session_argument
 
 if TYPE_CHECKING:
     from gse.verdict.assessment import Assessment
@@ -19,23 +17,16 @@ if TYPE_CHECKING:
 
 
 @click.command("plan")
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@session_argument
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.plan/1.")
 @click.pass_context
-def command(ctx: click.Context, *, session: Path | None, as_json: bool) -> None:
+def command(ctx: click.Context, *, path: Path, as_json: bool) -> None:
     """Show how much longer SESSION must have been for its verdict, and how long another one like it must be.
 
     Another one: for a PASS with 90 % probability, if the sensor performs as in SESSION; without SESSION the newest one
     below ./sessions. Exit code 1 where no length of session gives a verdict.
     """
-    ctx.exit(_of_session(session or _newest(), as_json=as_json))
-
-
-def _newest() -> Path:
-    try:
-        return newest_session(Path("sessions"))[0]
-    except UsageError as error:
-        raise UsageError(f"there is no session below ./sessions; {retired('gse plan')}") from error
+    ctx.exit(_of_session(path, as_json=as_json))
 
 
 def _of_session(path: Path, *, as_json: bool) -> int:

@@ -26,6 +26,7 @@ from gse.cli.options import (
     clock_error_option,
     earth_orientation_option,
     gathered,
+    given_or_newest,
     leave_out_option,
     plots_option,
     start_utc_option,
@@ -83,7 +84,7 @@ class _Output:
     def check(self, sessions: int) -> None:
         """UsageError where it cannot be made of so many sessions, or exists already."""
         if sessions > 1 and (self.pdf or self.screenshot or self.verified):
-            raise UsageError("--pdf, --screenshot and --verify are for one session; give one FILE")
+            raise UsageError("--pdf, --screenshot and --verify are for one session; give one SESSION")
         for wanted in (self.out, self.screenshot):
             if wanted is not None and (wanted.exists() or wanted.is_symlink()):
                 raise UsageError(f"{wanted} exists already; choose another name")
@@ -133,7 +134,7 @@ _output = gathered(
 
 
 @click.command("report")
-@click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("paths", metavar="[SESSION]...", nargs=-1, type=click.Path(path_type=Path), callback=given_or_newest)
 @_judging
 @_output
 @printed
@@ -141,13 +142,13 @@ _output = gathered(
 def command(
     ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, output: _Output, printed: Printed
 ) -> None:
-    """Write report.html, report.json, frames.csv, junit.xml and provenance.json of a session FILE.
+    """Write report.html, report.json, frames.csv, junit.xml and provenance.json of SESSION.
 
-    The same session gives the same report, byte for byte. Results that an earlier run kept are used where
-    session, station file and gse are the same. The exit code is the verdict's.
+    Without SESSION: of the newest one below ./sessions. The same session gives the same report, byte for byte. Results
+    that an earlier run kept are used where session, station file and gse are the same. The exit code is the verdict's.
 
-    Of several FILEs, of one sensor or of several: one page with their verdicts and table 4-1 of the LAPAN paper, a row
-    for each (sessions.html, sessions.json); the exit code is that of the worst.
+    Of several SESSIONs, of one sensor or of several: one page with their verdicts and table 4-1 of the LAPAN paper, a
+    row for each (sessions.html, sessions.json); the exit code is that of the worst.
     """
     output.check(len(paths))
     if len(paths) > 1:

@@ -23,12 +23,11 @@ RETIRED = {
             "--availability",
         )
     },
-    ("gse plan", ""): _PLAN,
 }
-"""By command and option; without an option it is the command without arguments."""
+"""By command and option."""
 
 
-def retired(command: str, option: str = "") -> str | None:
+def retired(command: str, option: str) -> str | None:
     """What does now what an option did; None where there was no such option."""
     sentence = RETIRED.get((command, option))
     return None if sentence is None else f"'{' '.join(filter(None, (command, option)))}' is retired: {sentence}"

@@ -140,21 +140,20 @@ _MOST_LISTED = 3
 
 
 @click.command("run")
+@click.argument("station_given", metavar="[STATION]", required=False, type=click.Path(path_type=Path))
 @station_option
-@click.option(
-    "--port", "url", help="Port or pyserial URL, instead of the station file's: /dev/ttyUSB0, sim://?speed=10"
-)
+@click.option("--port", "url", metavar="URL", help="Another port: /dev/ttyUSB0, sim://?speed=10")
 @identifier_option
 @click.option(
     "--duration",
     "duration_s",
     metavar="TIME",
     callback=duration_option(least_s=0.1),
-    help="Stop after this time: 90, 90s, 5m, 1h30m.",
+    help="Stop after this time: 90, 5m, 1h30m.",
 )
 @live_options
 @click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
-@click.option("--detach", "detached", is_flag=True, help="Run without this terminal; 'gse status' shows the state.")
+@click.option("--detach", "detached", is_flag=True, help="Run without this terminal: gse status.")
 @clock_error_option
 @earth_orientation_option
 @plots_option
@@ -164,6 +163,7 @@ _MOST_LISTED = 3
 def command(
     ctx: click.Context,
     *,
+    station_given: Path | None,
     station_path: Path | None,
     url: str | None,
     identifier: str | None,
@@ -179,11 +179,12 @@ def command(
 ) -> None:
     """Receive, record, identify, compare, show, judge.
 
-    With no arguments: a simulated sensor on the built-in station, 60 s of the sky. A session on a real port ends with
-    Ctrl-C, SIGTERM, the hang-up of its terminal, or after --duration; each time it is closed, judged and reported, and
-    the exit code is the verdict's. A second Ctrl-C leaves it without a verdict: exit code 130.
+    STATION is a station file; without one a simulated sensor is tested for 60 s. Ctrl-C ends the session on a port: it
+    is judged, and the exit code is the verdict's; a second Ctrl-C leaves it without a verdict.
     """
-    station, text = _station(station_path, url, identifier)
+    if station_given is not None and station_path is not None:
+        raise UsageError(f"two station files: {station_given} and {station_path}; give one")
+    station, text = _station(station_given or station_path, url, identifier)
     session = _Session(detach() if detached else None)
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)

@@ -22,7 +22,14 @@ _json = click.option("--json", "as_json", is_flag=True, help="One JSON object on
 _out = click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="The new file.")
 
 
-@click.group("session")
+class _Session(click.Group):
+    """``gse session show`` is ``gse session info``."""
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return super().get_command(ctx, "info" if cmd_name == "show" else cmd_name)
+
+
+@click.group("session", cls=_Session)
 def command() -> None:
     """Work with recorded sessions. FILE is a .mcap file, or the folder that gse run made."""
 
@@ -182,7 +189,7 @@ def _export_rrd(ctx: click.Context, path: Path, out: Path | None) -> None:
         raise UsageError("a rerun recording needs a name: -o session.rrd")
     if out.exists():
         raise UsageError(f"{out} exists already; choose another name")
-    ctx.invoke(view, path=path, web=False, bind="127.0.0.1", http_port=0, save=out, screenshot=None, clock_error_s=None)
+    ctx.invoke(view, path=path, view=None, bind="127.0.0.1", http_port=0, out=out, clock_error_s=None)
 
 
 def _new(out: Path, stack: ExitStack) -> BinaryIO:

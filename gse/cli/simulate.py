@@ -20,7 +20,7 @@ from gse.config.station import parse_station
 @click.option(
     "--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second; default: as in the scenario."
 )
-@click.option("--start", help="UTC of the start, e.g. 2026-03-20T15:00:00Z; default: as in the scenario.")
+@click.option("--start-utc", "start", help="UTC of the start, e.g. 2026-03-20T15:00:00Z; default: as in the scenario.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of noise and faults.")
 @click.option(
     "--level",
@@ -84,7 +84,7 @@ def command(
     recording = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
     click.echo(path)
     click.echo(f"{recording.bytes_sent} bytes of {scenario}: {described.text}", err=True)
-    seen = outlook(described.device_for(station), described, "--start chooses a night")
+    seen = outlook(described.device_for(station), described, "--start-utc chooses a night")
     click.echo(folded(seen, indent=2, err=True), err=True)
     if recording.damage:
         click.echo(f"gse: {recording.damage}", err=True)

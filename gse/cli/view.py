@@ -9,56 +9,68 @@ from pathlib import Path
 import click
 
 from gse.cli.files import damage_code
-from gse.cli.options import bind_option, clock_error_option, http_port_option
+from gse.cli.options import bind_option, clock_error_option, http_port_option, session_argument
+from gse.errors import UsageError
 from gse.process import terminal
 from gse.view.glance_word import level_of
 from gse.view.viewer import open_native_viewer
 
+_PICTURES = (".png", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".bmp", ".webp")
+"""Only the first can be written, and whoever draws it says so of the others."""
+
 
 @click.command("view")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--web", is_flag=True, help="Show it as a web page, until Ctrl-C.")
+@session_argument
+@click.option(
+    "--view",
+    type=click.Choice(("web", "native")),
+    help="Show it as a web page, until Ctrl-C, or in rerun's window; default: native.",
+)
 @bind_option
 @http_port_option
-@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Save it as a rerun file, .rrd")
-@click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Save a picture of it as .png")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write this new file instead: .png is a picture, .rrd a file for rerun.",
+)
 @clock_error_option
 @click.pass_context
 def command(
     ctx: click.Context,
     *,
     path: Path,
-    web: bool,
+    view: str | None,
     bind: str,
     http_port: int,
-    save: Path | None,
-    screenshot: Path | None,
+    out: Path | None,
     clock_error_s: float | None,
 ) -> None:
-    """Show the session FILE in rerun: in a window, unless --web, --save or --screenshot is given."""
+    """Show SESSION, or the newest one below ./sessions, in rerun: in a window, on a web page, or in a file."""
     from gse.view.viewer import check_rerun
 
+    if out is not None and view is not None:
+        raise UsageError("--view shows the session, --out writes a file; give one of them")
     check_rerun()
+    picture = out if out is not None and out.suffix.lower() in _PICTURES else None
     with ExitStack() as stack:
-        recording = save
+        recording = None if picture else out
         if recording is None:
             recording = Path(tempfile.mkdtemp(prefix="gse-view-")) / "session.rrd"
-            if web or screenshot:
+            if view == "web" or picture:
                 stack.callback(_remove, recording)
         verdict, code = _write_recording(path, recording, clock_error_s)
-        if save is not None:
-            click.echo(f"saved: {save}", err=True)
-        if screenshot is not None:
+        if picture is not None:
             from gse.view.screenshot import save_screenshot
 
-            save_screenshot(recording, screenshot)
-            click.echo(f"picture: {screenshot}", err=True)
-        if web:
+            save_screenshot(recording, picture)
+        if out is not None:
+            click.echo(f"saved: {out}", err=True)
+        elif view == "web":
             from gse.view.server import Content, ViewServer
 
             server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording, verdict=verdict)))
             _serve_until_interrupt(server.url)
-        elif save is None and screenshot is None:
+        else:
             open_native_viewer(str(recording))
             click.echo(f"opened in rerun: {recording}", err=True)
     ctx.exit(code)

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
-from gse.cli.options import clock_error_option
+from gse.cli.options import clock_error_option, session_argument
 from gse.errors import UsageError
 
 
 @click.command("why")
-@click.argument("path", metavar="SESSION", type=click.Path(path_type=Path))
+@session_argument
 @clock_error_option
 @click.option(
     "--bundle",
@@ -25,7 +25,8 @@ from gse.errors import UsageError
 def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None, with_site: bool) -> None:
     """Show one page on SESSION: what happened, when, why, and the next step as a command.
 
-    The findings are those of the report; docs/troubleshooting.md explains each.
+    Without SESSION: on the newest one below ./sessions. The findings are those of the report;
+    docs/troubleshooting.md explains each.
     """
     from gse.cli.progress import judged_with_progress
     from gse.report.summary import summarise

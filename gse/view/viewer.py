@@ -69,9 +69,7 @@ def quiet_environment() -> dict[str, str]:
 def open_native_viewer(url: str) -> subprocess.Popen[bytes]:
     """Open rerun's own window on a server or a recording; it outlives this process. UsageError without a screen."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise UsageError(
-            "there is no screen for a window here (no DISPLAY, no WAYLAND_DISPLAY); use --web, or --view web"
-        )
+        raise UsageError("there is no screen for a window here (no DISPLAY, no WAYLAND_DISPLAY); use --view web")
     return subprocess.Popen(
         [str(rerun_program()), "--connect", url, "--port", "auto", "--hide-welcome-screen"],
         env=quiet_environment(),

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import shutil
 
 import click
 import pytest
@@ -53,22 +52,3 @@ def test_an_option_that_never_was_gets_the_usual_words(capsys):
     assert retired("gse replay", "--thread") is None
     done = runner(capsys)("replay", "session.mcap", "--thread", "1")
     assert (done.code, "No such option" in done.err) == (2, True)
-
-
-def test_a_plan_without_any_session_says_what_plans_now(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    done = runner(capsys)("plan")
-    assert done.code == 2
-    assert done.err.startswith("gse: there is no session below ./sessions; 'gse plan' is retired: 'gse plan SESSION'")
-    assert done.err.count("\n") == 1
-
-
-def test_a_plan_without_an_argument_is_of_the_newest_session(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    gse = runner(capsys)
-    for frames in (40, 60):
-        gse("run", "--port", f"sim://?frames={frames}")
-    older, newer = sorted((tmp_path / "sessions").iterdir())
-    assert gse("plan").out == gse("plan", newer).out != gse("plan", older).out
-    shutil.rmtree(newer)
-    assert gse("plan").out == gse("plan", older).out

@@ -88,5 +88,5 @@ def test_by_day_the_advice_names_what_the_command_has(tmp_path: Path) -> None:
     told = CliRunner().invoke(command, ["--scenario", "daylight", "--seconds", "1", "--file", str(file)]).stderr
     words = " ".join(told.split())
     assert "the Sun is 84 deg up at this site" in words
-    assert words.endswith("no stars; --start chooses a night")
+    assert words.endswith("no stars; --start-utc chooses a night")
     assert set(re.findall("--[a-z]+", words)) <= {word for option in command.params for word in option.opts}

@@ -57,7 +57,7 @@ def test_nothing_is_overwritten(gse: Gse, session: Path, tmp_path: Path) -> None
 
 def test_a_picture_is_drawn_without_a_screen(gse: Gse, session: Path, tmp_path: Path) -> None:
     picture = tmp_path / "night.png"
-    done = gse("view", session / "session.mcap", "--screenshot", picture)
+    done = gse("view", session / "session.mcap", "--out", picture)
     if "needs Vulkan" in done.err:
         pytest.skip("no Vulkan on this machine (Debian: apt install mesa-vulkan-drivers)")
     assert done.code == 0, done.err
@@ -67,13 +67,13 @@ def test_a_picture_is_drawn_without_a_screen(gse: Gse, session: Path, tmp_path: 
 
 
 def test_the_picture_must_be_a_new_png(gse: Gse, session: Path, tmp_path: Path) -> None:
-    done = gse("view", session / "session.mcap", "--screenshot", tmp_path / "night.jpg")
+    done = gse("view", session / "session.mcap", "--out", tmp_path / "night.jpg")
     assert done.code == 2
     assert "name it .png" in done.err
 
 
 def test_the_web_view_serves_the_session_until_it_is_interrupted(session: Path) -> None:
-    command = [*GSE, "view", str(session / "session.mcap"), "--web"]
+    command = [*GSE, "view", str(session / "session.mcap"), "--view", "web"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
         assert running.stderr is not None
         guard = threading.Timer(2 * PATIENCE_S, running.kill)

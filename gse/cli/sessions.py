@@ -1,0 +1,89 @@
+"""``gse sessions``: the recorded sessions of a folder, with their verdicts."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from drivers.outside_text import plain_line
+from gse.errors import UsageError
+
+_MOST_REPORT_BYTES = 16 << 20
+
+
+@click.command("sessions")
+@click.argument("path", metavar="[FOLDER]", type=click.Path(path_type=Path), default=Path("sessions"))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.session-list/1.")
+def command(*, path: Path, as_json: bool) -> None:
+    """List the sessions below FOLDER, ./sessions by default, the newest last: when, how long, verdict, folder.
+
+    Commands that take a session use the newest one below ./sessions where none is given.
+    """
+    from gse.sessions.status_file import session_folders
+
+    rows = [_row(folder) for folder in session_folders(path)]
+    if as_json:
+        click.echo(json.dumps({"schema": "gse.session-list/1", "sessions": rows}))
+        return
+    if not rows:
+        raise UsageError(f"there is no session below {path}; give another folder, or record one with: gse run")
+    for row in rows:
+        length = "-" if row["duration_s"] is None else _length(row["duration_s"])
+        click.echo(f"{(row['first_utc'] or '-')[:19]:19}  {length:>8}  {row['state']:32}  {row['folder']}")
+
+
+def _length(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def _row(folder: Path) -> dict[str, Any]:
+    """A session as its files tell it: running, judged, or still without a report."""
+    from gse.sessions.status_file import is_running, read_status
+
+    report, status = _report(folder), read_status(folder)
+    facts = report.get("session", {})
+    running = status is not None and is_running(status)
+    state = status["state"] if running and status else _headline(report) or f"no report: gse report {folder}"
+    return {
+        "folder": str(folder),
+        "sensor": facts.get("sensor"),
+        "first_utc": facts.get("first_utc"),
+        "duration_s": facts.get("duration_s"),
+        "verdict": report.get("verdict"),
+        "state": state,
+    }
+
+
+def _headline(report: dict[str, Any]) -> str:
+    mark = " (SIMULATED)" if report.get("simulated") else ""
+    return f"{report['word']}{mark}" if "word" in report else ""
+
+
+def _report(folder: Path) -> dict[str, Any]:
+    """The newest report of a session as it is read; empty where there is none, or it is none of ours."""
+    paths = [folder / "report.json", *folder.glob("report*/report.json")]
+    for path in sorted(filter(Path.is_file, paths), key=lambda one: one.stat().st_mtime, reverse=True):
+        with path.open("rb") as file:
+            text = file.read(_MOST_REPORT_BYTES)
+        try:
+            document = json.loads(text)
+        except (ValueError, RecursionError):
+            continue
+        if isinstance(document, dict) and document.get("schema") == "gse.report/1":
+            return _checked(document)
+    return {}
+
+
+def _checked(document: dict[str, Any]) -> dict[str, Any]:
+    """Only what is listed, of the kind that it must be: a folder may come from anybody."""
+    session = document.get("session")
+    facts = session if isinstance(session, dict) else {}
+    texts = {key: facts[key] for key in ("sensor", "first_utc") if isinstance(facts.get(key), str)}
+    length = facts.get("duration_s")
+    seconds = {"duration_s": float(length)} if isinstance(length, int | float) else {}
+    words = {key: plain_line(document[key]) for key in ("word", "verdict") if isinstance(document.get(key), str)}
+    session_facts = {**{key: plain_line(text) for key, text in texts.items()}, **seconds}
+    return {**words, "simulated": document.get("simulated") is True, "session": session_facts}
