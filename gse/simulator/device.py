@@ -129,8 +129,6 @@ def firmware_of(
     if standby not in ("yes", "no"):
         raise UrlError(f"sim://: standby={standby} does not work: expected yes or no")
     device = scenario.device_for(station)
-    if device.mount.inertial is not None:
-        raise UrlError("sim://: mount.inertial: the simulated sensor looks at the sky; expected angles of the mount")
     protocol = load_protocol(device.protocol)
     answers = scenario.attitude.sends or not protocol.slots
     if answers and "ATTITUDE" not in protocol.types:

@@ -16,7 +16,7 @@ from gse.process.jit import compiled, compiled_part
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.photometry import BIAS_INDEX, Photometry
 from gse.simulator.scenario import Scenario
-from gse.simulator.scene import SimulatedScene
+from gse.simulator.scene import scene_of
 from gse.values.matrices import product
 
 FAINTEST_MAGNITUDE = 9.0
@@ -39,7 +39,7 @@ class ImageSource:
         self, station: Station, scenario: Scenario, random: np.random.Generator, *, sub_pixel: bool = False
     ) -> None:
         self._scenario, self._random, self._sub_pixel = scenario, random, sub_pixel
-        self._scene = SimulatedScene(station, scenario, random)
+        self._scene = scene_of(station, scenario, random)
         self._camera = self._scene.camera
         self._photometry = Photometry.from_scenario(station.sensor, scenario)
         self._response, self._dark = _detector(station, scenario, random)

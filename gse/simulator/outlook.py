@@ -7,7 +7,7 @@ import numpy as np
 from gse.config.station import Station
 from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario
-from gse.simulator.scene import SimulatedScene
+from gse.simulator.scene import SimulatedScene, scene_of
 from gse.simulator.sky import MOON, SUN
 from gse.values.instant import to_text
 
@@ -22,7 +22,10 @@ def outlook(station: Station, scenario: Scenario, hint: str) -> str:
     ``hint`` says what to do where daylight leaves no star.
     """
     utc_ns = scenario.start_utc_ns
-    scene = SimulatedScene(station, scenario, np.random.default_rng(0), _MERGED_PX)
+    scene = scene_of(station, scenario, np.random.default_rng(0), _MERGED_PX)
+    if (shown := station.mount.inertial) is not None:
+        stars = _stars(scene, station, scenario, utc_ns)
+        return f"looks at what is shown: RA {shown.ra_deg:g}, DE {shown.de_deg:g} deg; {stars} stars in the field"
     bodies = scene.bodies(utc_ns).track.directions(utc_ns)
     sun_deg, moon_deg = (math.degrees(math.asin(float(bodies[body][2]))) for body in (SUN, MOON))
     site = station.site

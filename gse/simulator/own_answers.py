@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.simulator.scenario import AttitudeSection, Scenario
-from gse.simulator.scene import horizon_to_sensor
+from gse.simulator.scene import horizon_to_sensor, icrs_to_sensor
 from gse.simulator.sky import CELL_NS, AstropySite, Track, earth_orientation, times_of
 from gse.values.attitude_convention import AttitudeConvention, ReferenceFrame, state_angles, state_quaternions
 from gse.values.constants import ARCSEC_RAD
 from gse.values.instant import NS_PER_S, to_julian_date
 from gse.values.matrices import length, product
+from gse.values.mount import InertialDirection
 from protocols import AttitudeMessage
 
 _BESIDE_RAD = 1e-3
@@ -35,7 +36,9 @@ class OwnAnswers:
     def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator, start_ns: int) -> None:
         self._traits: AttitudeSection = scenario.attitude
         self._convention: AttitudeConvention = station.sensor.attitude
-        self._direction = _Direction(station, corrected=self._convention.aberration == "corrected")
+        shown = station.mount.inertial
+        corrected = self._convention.aberration == "corrected"
+        self._direction = _Direction(station, corrected=corrected) if shown is None else _ShownDirection(shown)
         self._random, self._start_ns = random, start_ns
         self._earlier: deque[NDArray[np.float64]] = deque(maxlen=self._traits.delay_frames + 1)
         self._frozen: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
@@ -123,6 +126,17 @@ class _Direction:
                 target = GCRS(obstime=times, obsgeoloc=place, obsgeovel=velocity)
             nodes = np.moveaxis(seen.transform_to(target).cartesian.xyz.value, 0, -1)
         return Track(start_ns, nodes / np.linalg.norm(nodes, axis=-1)[..., None])
+
+
+class _ShownDirection:
+    """Where a sensor before a star simulator looks: without aberration, which no convention has to correct."""
+
+    def __init__(self, shown: InertialDirection) -> None:
+        self._shown = shown
+
+    def icrs_to_sensor(self, utc_ns: int) -> NDArray[np.float64]:
+        """The rotation (3, 3) at an instant."""
+        return icrs_to_sensor(self._shown, utc_ns)
 
 
 def _axes(directions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gse.config.station import Station
 from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario
-from gse.simulator.scene import SimulatedScene
+from gse.simulator.scene import scene_of
 from gse.values.constants import ARCSEC_PER_RAD
 from gse.values.panorama import MAX_OBJECTS
 
@@ -40,7 +40,7 @@ class PanoramaSource:
 
     def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator) -> None:
         self._scenario, self._random = scenario, random
-        self._scene = SimulatedScene(station, scenario, random, _FOOTPRINT_PX)
+        self._scene = scene_of(station, scenario, random, _FOOTPRINT_PX)
         self._camera = self._scene.camera
         self._photometry = Photometry.from_scenario(station.sensor, scenario)
         self._noise_px = scenario.optics.position_noise_arcsec / ARCSEC_PER_RAD / self._camera.pixel_rad

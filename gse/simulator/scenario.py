@@ -1,5 +1,6 @@
 """Scenario of a simulation: sky, optics and firmware, from a YAML file."""
 
+from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
@@ -191,6 +192,12 @@ class Scenario(_ScenarioSection):
     firmware: Firmware = Firmware()
     attitude: AttitudeSection = AttitudeSection()
     find: ExpectedFinding = ExpectedFinding()
+
+    @field_validator("start", mode="before")
+    @classmethod
+    def _instant_as_text(cls, value: Any) -> Any:
+        """YAML reads an instant without quotes as a date."""
+        return value.isoformat().replace("+00:00", "Z") if isinstance(value, datetime) else value
 
     @field_validator("start")
     @classmethod

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog import load_catalog
+from gse.catalog import StarCatalog, load_catalog, merge_doubles
 from gse.config.station import Station
 from gse.simulator.scenario import Air, Motion, Scenario, profile_at
 from gse.simulator.sky import CELL_NS, FIRST_PLANET, MOON, SUN, AstropySite, BodyCell, Sky, SkyCell, Track, bodies_over
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_RAD
-from gse.values.instant import to_julian_year
+from gse.values.instant import NS_PER_S, to_julian_year
 from gse.values.matrices import product
-from gse.values.mount import Mount
+from gse.values.mount import InertialDirection, Mount
 
 # Where a mount points: turns of the head, one after the other.
 #
@@ -134,6 +134,8 @@ _CLOUD_PIXEL_RAD = 2.4e-4
 _MOON_MOVES_RAD = 0.05
 _SKYLIGHT_EVERY_NS = 10_000_000_000
 """In 10 s a twilight sky changes by 0.06 mag."""
+_BEYOND_RAD = 0.05
+"""How far beyond the field a star simulator's stars are kept ready for a sensor that turns."""
 _STEP_RAD = 1e-3
 _CAPPED_MAGNITUDE = 40.0
 """Per square arcsecond: no light at all."""
@@ -182,10 +184,8 @@ class SimulatedScene:
         Among them are objects that lie outside the detector; the row of an object is the same at each offset.
         """
         points = self._points_at(middle_ns, faintest_magnitude)
-        directions = points.track.directions(middle_ns)
         places = [self._pixels(points, middle_ns + offset_ns) for offset_ns in offsets_ns]
-        magnitude = points.magnitude + EXTINCTION_PER_AIRMASS * (airmass(directions) - 1)
-        magnitude = np.where(directions[:, 2] > 0, magnitude, np.inf)
+        magnitude = self._through_air(points, middle_ns)
         satellites = [self._satellites.pixels(self.since_start_s(middle_ns + offset_ns)) for offset_ns in offsets_ns]
         magnitude = np.concatenate([magnitude, self._satellites.magnitude])
         places = [np.concatenate(pair) for pair in zip(places, satellites, strict=True)]
@@ -260,6 +260,12 @@ class SimulatedScene:
             self._points, self._faintest = points, faintest_magnitude
         return points
 
+    def _through_air(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
+        """Magnitudes (N,) as they are seen through the air; none of what is below the horizon."""
+        directions = points.track.directions(utc_ns)
+        magnitude = points.magnitude + EXTINCTION_PER_AIRMASS * (airmass(directions) - 1)
+        return np.where(directions[:, 2] > 0, magnitude, np.inf)
+
     def _sky_to(self, faintest_magnitude: float) -> Sky:
         """The stars that are bright enough to matter: all of the catalogue would take 20 MB."""
         if self._sky is None or faintest_magnitude > self._sky_faintest:
@@ -270,6 +276,87 @@ class SimulatedScene:
     def _pixels(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
         moved = product(moved_by(self._scenario.motion, self.since_start_s(utc_ns)), self.horizon_to_sensor)
         return self.camera.pixels(product(points.track.directions(utc_ns), moved.T))
+
+
+class ShownScene(SimulatedScene):
+    """What a star simulator shows: the catalogue's stars about a stated direction, without Earth, air, Sun or planets.
+
+    The direction is ``mount.inertial`` of the station: RA, DE and roll at its instant, with their rates. The lens may
+    have a cap on, dew and dust before it, and the stand may move, as under the sky.
+    """
+
+    def __init__(
+        self, station: Station, scenario: Scenario, random: np.random.Generator, merged_within_px: float = 0.0
+    ) -> None:
+        super().__init__(station, scenario, random, merged_within_px)
+        assert station.mount.inertial is not None
+        self._shown = station.mount.inertial
+        self._catalog: StarCatalog | None = None
+        self._picked_about = np.zeros(3)
+
+    def icrs_to_sensor(self, utc_ns: int) -> NDArray[np.float64]:
+        """The rotation (3, 3) that is shown at an instant."""
+        return icrs_to_sensor(self._shown, utc_ns)
+
+    def sky_magnitudes(self, directions_horizon: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
+        """Surface brightness (N,) of the black between the stars: that of the scenario's dark sky."""
+        dark = _CAPPED_MAGNITUDE if self.is_capped(utc_ns) else self._scenario.air.dark_magnitude
+        return np.full(len(directions_horizon), dark)
+
+    def moon(self, utc_ns: int) -> Moon | None:
+        """None is shown."""
+        return None
+
+    def _points_at(self, utc_ns: int, faintest_magnitude: float) -> SkyCell:
+        """The stars near the boresight; in ICRS they stand still, and the sensor turns."""
+        boresight = self.icrs_to_sensor(utc_ns)[2]
+        is_deep_enough = faintest_magnitude <= self._faintest
+        if self._catalog is None or not is_deep_enough:
+            epoch = to_julian_year(self._start_ns)
+            self._catalog = load_catalog(faintest_magnitude=faintest_magnitude).at_epoch(epoch)
+        points = self._points
+        if points is None or not is_deep_enough or product(self._picked_about, boresight) < math.cos(_BEYOND_RAD):
+            near = product(self._catalog.icrs, boresight) > math.cos(min(self._radius_rad + _BEYOND_RAD, math.pi))
+            stars = self._catalog.rows(np.flatnonzero(near))
+            if self._merged_within_rad > 0:
+                stars = merge_doubles(stars, self._merged_within_rad)
+            points = SkyCell(Track(utc_ns, np.repeat(stars.icrs[None], 4, axis=0)), stars.magnitude)
+            self._points, self._faintest, self._picked_about = points, faintest_magnitude, boresight
+        return points
+
+    def _through_air(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
+        return points.magnitude
+
+    def _pixels(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
+        moved = product(moved_by(self._scenario.motion, self.since_start_s(utc_ns)), self.icrs_to_sensor(utc_ns))
+        return self.camera.pixels(product(points.track.nodes[0], moved.T))
+
+
+def icrs_to_sensor(shown: InertialDirection, utc_ns: int) -> NDArray[np.float64]:
+    """The rotation (3, 3) of a shown direction: the head of the sensor turned from the vernal equinox, step by step.
+
+    Written from the words of gse.values.mount.InertialDirection, not from gse.truth, as ``horizon_to_sensor`` is.
+    """
+    since_h = (utc_ns - shown.at_utc_ns) / NS_PER_S / 3600  # arcsec/s are deg/h
+    ra_deg, de_deg, roll_deg = (
+        angle + rate * since_h
+        for angle, rate in zip((shown.ra_deg, shown.de_deg, shown.roll_deg), shown.rates_arcsec_per_s, strict=True)
+    )
+    # Look at the equinox, upright: right is west (-y), down is south (-z), out is x.
+    upright_equinox = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    # RA grows to the left as one looks at the sky; image up towards east is a roll to the left.
+    rotation: NDArray[np.float64] = product(
+        _about(2, roll_deg), _about(0, -de_deg), upright_equinox, _about(2, -ra_deg)
+    )
+    return rotation
+
+
+def scene_of(
+    station: Station, scenario: Scenario, random: np.random.Generator, merged_within_px: float = 0.0
+) -> SimulatedScene:
+    """What the camera of a device looks at: the sky, or a star simulator where its mount is fixed to the stars."""
+    scene = SimulatedScene if station.mount.inertial is None else ShownScene
+    return scene(station, scenario, random, merged_within_px)
 
 
 class Satellites:
