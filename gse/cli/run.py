@@ -45,6 +45,7 @@ from gse.sessions.live import Ending
 from gse.sessions.status_file import is_unfinished, session_folders
 from gse.station.notes import Notes
 from gse.truth.iers_tables import GivenTables
+from gse.values.shown import Shown
 from protocols.errors import ProtocolError
 
 if TYPE_CHECKING:
@@ -186,8 +187,9 @@ def command(
         raise UsageError(f"two station files: {station_given} and {station_path}; give one")
     station, text = _station(station_given or station_path, url, identifier)
     session = _Session(detach() if detached else None)
+    shown: list[Shown] = []
     if station.port.url.startswith("sim://"):
-        station, text = _simulated(station, text)
+        station, text = _simulated(station, text, shown)
     notes = Notes()
     live_outputs = LiveOutputs(live, notes=notes)
     with Ending(_say) as ending, terminal.queued(_waits_for_reader(station, ending)):
@@ -200,7 +202,7 @@ def command(
                 station,
                 text,
                 out,
-                Operator(ending, _say, session.opened, session.terminal_news, notes),
+                Operator(ending, _say, session.opened, session.terminal_news, notes, _taken(shown)),
                 make_listeners=live_outputs.listeners,
                 duration_s=duration_s,
                 wait_port=wait_port,
@@ -322,11 +324,25 @@ def _list_unfinished(out: Path) -> None:
         _say(f"and {len(found) - _MOST_LISTED} older ones")
 
 
-def _simulated(station: Station, text: str) -> tuple[Station, str]:
-    """The station with the changes of the scenario in its sim:// URL; registers the simulated sensor."""
+def _taken(news: list[Shown]) -> Callable[[], list[Shown]]:
+    """All of the news once, then none."""
+
+    def take() -> list[Shown]:
+        taken, news[:] = list(news), []
+        return taken
+
+    return take
+
+
+def _simulated(station: Station, text: str, shown: list[Shown]) -> tuple[Station, str]:
+    """The station with the changes of the scenario in its sim:// URL; registers the simulated sensor.
+
+    What the scenario's scene shows is added to ``shown``.
+    """
     from gse.simulator import device_factory
-    from gse.simulator.scenario import DEFAULT, load_scenario
+    from gse.simulator.device import scenario_of
 
     register(device_factory(station))
-    scenario = load_scenario(parse_mock_url(station.port.url).options.get("scenario") or DEFAULT)
+    scenario = scenario_of(parse_mock_url(station.port.url).options)
+    shown += scenario.shown(scenario.start_utc_ns)
     return scenario.station_for(station), scenario.station_text(text)

@@ -28,6 +28,7 @@ from gse.values.camera import LEAST_SCALE, Camera
 from gse.values.identifier_options import IdentifierOptions
 from gse.values.limits import Limits
 from gse.values.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
+from gse.values.screen import Screen, ScreenToSensor
 from gse.values.site import Site, SiteUncertainty
 from protocols.yaml_text import load_document
 
@@ -95,7 +96,19 @@ class DocumentedTest(_PaperSection):
 MAX_FILE_BYTES = 100_000
 """A station file is a page of text; anything bigger is another file."""
 
-_SOURCE_KEYS = ("version", "sensor", "site", "mount", "port", "protocol", "identifier", "catalog", "limits", "test")
+_SOURCE_KEYS = (
+    "version",
+    "sensor",
+    "site",
+    "mount",
+    "port",
+    "protocol",
+    "identifier",
+    "catalog",
+    "limits",
+    "screen",
+    "test",
+)
 
 
 class _Section(BaseModel):
@@ -112,6 +125,8 @@ for _values in (
     MountUncertainty,
     IdentifierOptions,
     Limits,
+    Screen,
+    ScreenToSensor,
 ):
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
@@ -176,6 +191,8 @@ class Station(_Section):
     catalog: Text = "gaia"
     """``gaia`` (embedded), or the path of a Hipparcos (hip_main.dat, plain or .gz) or BSC5 (binary) file."""
     limits: Limits = Limits()
+    screen: Screen | None = None
+    """A monitor that shows the stars; ``mount.inertial`` is what it shows unless a scene says otherwise."""
     test: DocumentedTest = DocumentedTest()
 
     @field_validator("protocol")
@@ -201,6 +218,16 @@ class Station(_Section):
         if not isinstance(shown, dict) or not isinstance(shown.get("at"), datetime):
             return value
         return {**value, "inertial": {**shown, "at": shown["at"].isoformat().replace("+00:00", "Z")}}
+
+    @model_validator(mode="after")
+    def _screen_shows_a_direction(self) -> "Station":
+        if self.screen is not None and self.mount.inertial is None:
+            raise ValueError(
+                "a screen shows stars in a direction of its own; expected mount: {inertial: {ra_deg: .., de_deg: ..}}"
+            )
+        if self.screen is not None and self.mount.inertial is not None and any(self.mount.inertial.rates_arcsec_per_s):
+            raise ValueError("a screen turns by its scene; expected mount.inertial without rates")
+        return self
 
     @model_validator(mode="after")
     def _principal_point_near_detector(self) -> "Station":

@@ -3,7 +3,7 @@
 import json
 import math
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from drivers.outside_text import plain_line
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import CLOCK, Attachment, Damage, RecordedMessage
 from gse.values.instant import LAST_NS
+from gse.values.shown import Shown
 
 # Kinds of events of the recorder.
 
@@ -43,6 +44,10 @@ TIMING_TOPIC = "/gse/timing"
 ANSWER_TOPIC = "/gse/answer"
 """What an external identifier gave for each panorama; its stderr is on LOG_TOPIC."""
 LOG_TOPIC = "/gse/identifier/stderr"
+SCREEN_TOPIC = "/screen"
+"""What a screen before the sensor showed from which instant on."""
+MOST_SHOWN = 100_000
+"""Attitudes of a screen that are read: one a second for a day."""
 MOST_KINDS = 100
 """Most different kinds of events; this station has some forty."""
 OTHER = "OTHER"
@@ -87,13 +92,14 @@ class Recorded:
     attachments: dict[str, str] = field(default_factory=dict)
     clock: list[ClockReading] = field(default_factory=list)
     timings: RecordedTimings = field(default_factory=RecordedTimings)
+    shown: list[Shown] = field(default_factory=list)
     damaged: bool = False
 
 
 def read_recorded(path: Path) -> Recorded:
     """Read the content besides bytes and events; CaptureError where the file is missing or is not a session."""
     recorded = Recorded()
-    capture = read_capture(path, only=(CLOCK, TIMING_TOPIC))
+    capture = read_capture(path, only=(CLOCK, TIMING_TOPIC, SCREEN_TOPIC))
     for record in capture:
         if isinstance(record, Damage):
             recorded.damaged = True
@@ -105,6 +111,8 @@ def read_recorded(path: Path) -> Recorded:
             recorded.clock += _clock_reading(record)
         elif isinstance(record, RecordedMessage) and record.topic == TIMING_TOPIC:
             _add_timing(recorded.timings, record)
+        elif isinstance(record, RecordedMessage) and record.topic == SCREEN_TOPIC and len(recorded.shown) < MOST_SHOWN:
+            recorded.shown += _shown(record)
     recorded.damaged |= capture.truncated
     return recorded
 
@@ -134,6 +142,21 @@ def timing_json(time_us: int, elapsed_us: float) -> bytes:
 def clock_json(reading: ClockReading) -> bytes:
     """The message of /clock for one reading."""
     return json.dumps({name: getattr(reading, name) for name in ClockReading.__slots__}).encode()
+
+
+def shown_json(shown: Shown) -> bytes:
+    """The message of /screen for what is shown from an instant on."""
+    return json.dumps(asdict(shown)).encode()
+
+
+def _shown(message: RecordedMessage) -> list[Shown]:
+    try:
+        document = json.loads(message.data)
+        x, y, z = (_finite(rate) for rate in document["turn_deg_per_s"])
+        ra, de, roll = (_finite(document[name]) for name in ("ra_deg", "de_deg", "roll_deg"))
+        return [Shown(_instant_ns(document["from_ns"]), ra, de, roll, (x, y, z), _finite(document["within_ms"]))]
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return []
 
 
 def _add_timing(timings: RecordedTimings, message: RecordedMessage) -> None:

@@ -28,10 +28,12 @@ from gse.recording.session_format import (
     IDENTIFIER,
     LOG_TOPIC,
     PROTOCOL,
+    SCREEN_TOPIC,
     STATED,
     STATION,
     TIMING_TOPIC,
     clock_json,
+    shown_json,
     timing_json,
 )
 from gse.sessions.status_file import StatusFile
@@ -44,6 +46,7 @@ from gse.station.setup import check_external, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
+from gse.values.shown import Shown
 from gse.view.live_state import LiveState
 from protocols import load_protocol
 
@@ -160,7 +163,8 @@ class Operator:
     """Connection of a session to the person at the terminal.
 
     ``tell`` prints a line, ``opened`` is called with the session's folder and status once the port is open,
-    ``terminal_news`` gives kind and text of the terminal's events since the last call, ``notes`` takes the operator's.
+    ``terminal_news`` gives kind and text of the terminal's events since the last call, ``notes`` takes the operator's,
+    ``screen_news`` gives what a screen before the sensor shows from when on, since the last call.
     """
 
     ending: Ending
@@ -168,6 +172,7 @@ class Operator:
     opened: Callable[[Path, StatusFile], None] = lambda folder, status: None
     terminal_news: Callable[[], list[tuple[str, str]]] = list
     notes: Notes = field(default_factory=Notes)
+    screen_news: Callable[[], list[Shown]] = list
 
 
 def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
@@ -238,6 +243,7 @@ def run_live(
         loop.session.clock_error_s = clock_error_s
         loop.listeners = make_listeners(loop, folder, live)
         status.enter("running")
+        derived_data.take_screen(began_ns or 0)
         session = loop.run(link, first, stop=derived_data.is_over, each=derived_data.keep)
         derived_data.close()
         status.enter("closing")
@@ -300,12 +306,19 @@ class _DerivedDataRecorder:
         for event in self._recorder.news():
             self._recorder.event(event)
             self._loop.on_event(event)
+        self.take_screen(self._last_ns)
         if self._link.is_live or self._last_ns:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
             for text in self._operator.notes.take():
                 self._event(StationKind.NOTE, text)
         self._read_clock()
+
+    def take_screen(self, utc_ns: int) -> None:
+        """Record what the screen before the sensor showed: truth needs it before the panoramas that saw it."""
+        for shown in self._operator.screen_news():
+            self._loop.session.shown.add(shown)
+            self._recorder.derived(SCREEN_TOPIC, utc_ns, shown_json(shown))
 
     def _keep_identity(self) -> None:
         """What an external identifier is, and what it wrote to stderr."""

@@ -189,6 +189,8 @@ def _loop(
     loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
     if recorded and STATION not in attachments and force.text == BUILT_IN_TEXT:
         loop.on_event(LinkEvent(utc_ns or 0, 0, StationKind.NO_STATION, _NO_STATION))
+    for shown in recorded.shown if recorded else ():
+        loop.session.shown.add(shown)
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)
     return loop

@@ -19,7 +19,6 @@ from gse.values.attitude_convention import AttitudeConvention, ReferenceFrame, s
 from gse.values.constants import ARCSEC_RAD
 from gse.values.instant import NS_PER_S, to_julian_date
 from gse.values.matrices import length, product
-from gse.values.mount import InertialDirection
 from protocols import AttitudeMessage
 
 _BESIDE_RAD = 1e-3
@@ -36,9 +35,9 @@ class OwnAnswers:
     def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator, start_ns: int) -> None:
         self._traits: AttitudeSection = scenario.attitude
         self._convention: AttitudeConvention = station.sensor.attitude
-        shown = station.mount.inertial
         corrected = self._convention.aberration == "corrected"
-        self._direction = _Direction(station, corrected=corrected) if shown is None else _ShownDirection(shown)
+        is_shown = station.mount.inertial is not None
+        self._direction = _ShownDirection(station, scenario) if is_shown else _Direction(station, corrected=corrected)
         self._random, self._start_ns = random, start_ns
         self._earlier: deque[NDArray[np.float64]] = deque(maxlen=self._traits.delay_frames + 1)
         self._frozen: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
@@ -131,12 +130,12 @@ class _Direction:
 class _ShownDirection:
     """Where a sensor before a star simulator looks: without aberration, which no convention has to correct."""
 
-    def __init__(self, shown: InertialDirection) -> None:
-        self._shown = shown
+    def __init__(self, station: Station, scenario: Scenario) -> None:
+        self._station, self._scenario = station, scenario
 
     def icrs_to_sensor(self, utc_ns: int) -> NDArray[np.float64]:
         """The rotation (3, 3) at an instant."""
-        return icrs_to_sensor(self._shown, utc_ns)
+        return icrs_to_sensor(self._station, self._scenario, utc_ns)
 
 
 def _axes(directions: NDArray[np.float64]) -> NDArray[np.float64]:

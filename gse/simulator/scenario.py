@@ -1,17 +1,19 @@
 """Scenario of a simulation: sky, optics and firmware, from a YAML file."""
 
+from collections.abc import Iterator
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from drivers.host_files import only_a_file
 from gse.config.station import BUILT_IN_TEXT, Station
 from gse.errors import ConfigError
-from gse.values.instant import from_text
+from gse.values.instant import NS_PER_S, from_text
+from gse.values.shown import Shown
 from protocols.yaml_text import load_document
 
 MAX_FILE_BYTES = 100_000
@@ -24,6 +26,12 @@ FIRST_START_NS, LAST_START_NS = from_text("1972-01-01T00:00:00Z"), from_text("22
 
 _Profile = tuple[tuple[float, float], ...]
 """(seconds since the start, value), linear between, held outside."""
+
+
+_Rate = Annotated[float, Field(ge=-10, le=10)]
+"""deg/s: what star sensors bear, and more."""
+MOST_STEPS = 10_000
+"""Attitudes of a scene."""
 
 
 class _ScenarioSection(BaseModel):
@@ -158,6 +166,46 @@ class AttitudeSection(_ScenarioSection):
     """Share of the answers that name other stars: 1 to 40 deg off."""
 
 
+class SceneStep(_ScenarioSection):
+    """What a screen shows for a while: ICRS angles at its beginning, and how the sensor would turn from there."""
+
+    ra_deg: Annotated[float, Field(ge=-360, le=360)]
+    de_deg: Annotated[float, Field(ge=-90, le=90)]
+    roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    turn_deg_per_s: tuple[_Rate, _Rate, _Rate] = (0.0, 0.0, 0.0)
+    """About the sensor's axes: right, down and out of the boresight."""
+    for_s: Annotated[float, Field(gt=0, le=86_400)] = 20.0
+
+
+class ShownObject(_ScenarioSection):
+    """Something that is no star of the catalogue, at a fixed place among the stars: a planet, the Moon, a ghost."""
+
+    ra_deg: Annotated[float, Field(ge=-360, le=360)]
+    de_deg: Annotated[float, Field(ge=-90, le=90)]
+    magnitude: Annotated[float, Field(ge=-13, le=10)]
+    diameter_deg: Annotated[float, Field(ge=0, le=5)] = 0.0
+
+
+class SceneSection(_ScenarioSection):
+    """What a screen shows: attitudes one after the other, and what is not right with their stars."""
+
+    steps: Annotated[tuple[SceneStep, ...], Field(max_length=MOST_STEPS)] = ()
+    """Without any, the direction of ``mount.inertial`` stands for as long as the session lasts."""
+    objects: Annotated[tuple[ShownObject, ...], Field(max_length=100)] = ()
+    false_objects: Annotated[int, Field(ge=0, le=100)] = 0
+    """At places of the screen that the seed decides, other ones at each step."""
+    dropped: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of the stars that are not drawn."""
+    noise_arcsec: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    """Per axis, of the places of the stars: the same star is off by the same at each step."""
+    seed: Annotated[int, Field(ge=0, le=10**9)] = 1
+
+    @property
+    def seconds(self) -> float:
+        """How long all steps take."""
+        return sum(step.for_s for step in self.steps)
+
+
 class ExpectedFinding(_ScenarioSection):
     """What the station must find: the verdict, and words that its reasons must hold."""
 
@@ -191,6 +239,7 @@ class Scenario(_ScenarioSection):
     host: Host = Host()
     firmware: Firmware = Firmware()
     attitude: AttitudeSection = AttitudeSection()
+    scene: SceneSection = SceneSection()
     find: ExpectedFinding = ExpectedFinding()
 
     @field_validator("start", mode="before")
@@ -204,10 +253,22 @@ class Scenario(_ScenarioSection):
     def _an_instant(cls, value: str) -> str:
         return check_start(value)
 
+    @model_validator(mode="after")
+    def _as_long_as_its_scene(self) -> Self:
+        if self.scene.steps and "seconds" not in self.model_fields_set:
+            return self.model_copy(update={"seconds": self.scene.seconds})
+        return self
+
     @property
     def start_utc_ns(self) -> int:
         """Start in UTC nanoseconds."""
         return from_text(self.start)
+
+    def shown(self, start_ns: int, within_ms: float = 0.0) -> Iterator[Shown]:
+        """What a screen shows if the scene begins at an instant."""
+        for step in self.scene.steps:
+            yield Shown(start_ns, step.ra_deg, step.de_deg, step.roll_deg, step.turn_deg_per_s, within_ms)
+            start_ns += round(step.for_s * NS_PER_S)
 
     def station_for(self, station: Station) -> Station:
         """The station file that fits this scenario."""

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from gse.catalog import StarCatalog, load_catalog, merge_doubles
 from gse.config.station import Station
 from gse.simulator.scenario import Air, Motion, Scenario, profile_at
+from gse.simulator.shown_stars import added_objects, false_magnitudes, false_places, scene_catalog
 from gse.simulator.sky import CELL_NS, FIRST_PLANET, MOON, SUN, AstropySite, BodyCell, Sky, SkyCell, Track, bodies_over
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_RAD
 from gse.values.instant import NS_PER_S, to_julian_year
 from gse.values.matrices import product
-from gse.values.mount import InertialDirection, Mount
+from gse.values.mount import Mount
 
 # Where a mount points: turns of the head, one after the other.
 #
@@ -281,7 +282,7 @@ class SimulatedScene:
 class ShownScene(SimulatedScene):
     """What a star simulator shows: the catalogue's stars about a stated direction, without Earth, air, Sun or planets.
 
-    The direction is ``mount.inertial`` of the station: RA, DE and roll at its instant, with their rates. The lens may
+    The direction is ``mount.inertial`` of the station, or what the steps of the scenario's scene say. The lens may
     have a cap on, dew and dust before it, and the stand may move, as under the sky.
     """
 
@@ -289,14 +290,13 @@ class ShownScene(SimulatedScene):
         self, station: Station, scenario: Scenario, random: np.random.Generator, merged_within_px: float = 0.0
     ) -> None:
         super().__init__(station, scenario, random, merged_within_px)
-        assert station.mount.inertial is not None
-        self._shown = station.mount.inertial
+        self._station = station
         self._catalog: StarCatalog | None = None
         self._picked_about = np.zeros(3)
 
     def icrs_to_sensor(self, utc_ns: int) -> NDArray[np.float64]:
         """The rotation (3, 3) that is shown at an instant."""
-        return icrs_to_sensor(self._shown, utc_ns)
+        return icrs_to_sensor(self._station, self._scenario, utc_ns)
 
     def sky_magnitudes(self, directions_horizon: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
         """Surface brightness (N,) of the black between the stars: that of the scenario's dark sky."""
@@ -312,17 +312,31 @@ class ShownScene(SimulatedScene):
         boresight = self.icrs_to_sensor(utc_ns)[2]
         is_deep_enough = faintest_magnitude <= self._faintest
         if self._catalog is None or not is_deep_enough:
-            epoch = to_julian_year(self._start_ns)
-            self._catalog = load_catalog(faintest_magnitude=faintest_magnitude).at_epoch(epoch)
+            self._catalog = scene_catalog(self._scenario.scene, self._start_ns, faintest_magnitude)
         points = self._points
         if points is None or not is_deep_enough or product(self._picked_about, boresight) < math.cos(_BEYOND_RAD):
             near = product(self._catalog.icrs, boresight) > math.cos(min(self._radius_rad + _BEYOND_RAD, math.pi))
             stars = self._catalog.rows(np.flatnonzero(near))
             if self._merged_within_rad > 0:
                 stars = merge_doubles(stars, self._merged_within_rad)
-            points = SkyCell(Track(utc_ns, np.repeat(stars.icrs[None], 4, axis=0)), stars.magnitude)
+            added_icrs, added_magnitude = added_objects(self._scenario.scene)
+            nodes = np.concatenate([stars.icrs, added_icrs])
+            magnitude = np.concatenate([stars.magnitude, added_magnitude])
+            points = SkyCell(Track(utc_ns, np.repeat(nodes[None], 4, axis=0)), magnitude)
             self._points, self._faintest, self._picked_about = points, faintest_magnitude, boresight
         return points
+
+    def objects(
+        self, middle_ns: int, faintest_magnitude: float, offsets_ns: tuple[int, ...] = (0,)
+    ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """As under the sky; false objects stand still on the detector for as long as a step lasts."""
+        places, magnitude = super().objects(middle_ns, faintest_magnitude, offsets_ns)
+        scene = self._scenario.scene
+        if not scene.false_objects or self.is_capped(middle_ns):
+            return places, magnitude
+        step, _ = step_at(self._scenario, middle_ns)
+        false_px = false_places(scene, step, self.camera.columns, self.camera.rows)
+        return [np.concatenate([xy, false_px]) for xy in places], np.concatenate([magnitude, false_magnitudes(scene)])
 
     def _through_air(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
         return points.magnitude
@@ -332,16 +346,50 @@ class ShownScene(SimulatedScene):
         return self.camera.pixels(product(points.track.nodes[0], moved.T))
 
 
-def icrs_to_sensor(shown: InertialDirection, utc_ns: int) -> NDArray[np.float64]:
-    """The rotation (3, 3) of a shown direction: the head of the sensor turned from the vernal equinox, step by step.
+def icrs_to_sensor(station: Station, scenario: Scenario, utc_ns: int) -> NDArray[np.float64]:
+    """The rotation (3, 3) of what is shown to a sensor: its head turned from the vernal equinox, step by step.
 
-    Written from the words of gse.values.mount.InertialDirection, not from gse.truth, as ``horizon_to_sensor`` is.
+    Written from the words of gse.values, not from gse.truth, as ``horizon_to_sensor`` is.
     """
-    since_h = (utc_ns - shown.at_utc_ns) / NS_PER_S / 3600  # arcsec/s are deg/h
-    ra_deg, de_deg, roll_deg = (
-        angle + rate * since_h
-        for angle, rate in zip((shown.ra_deg, shown.de_deg, shown.roll_deg), shown.rates_arcsec_per_s, strict=True)
-    )
+    shown = station.mount.inertial
+    assert shown is not None
+    if scenario.scene.steps:
+        rotation = _of_scene(scenario, utc_ns)
+    else:
+        since_h = (utc_ns - shown.at_utc_ns) / NS_PER_S / 3600  # arcsec/s are deg/h
+        angles = zip((shown.ra_deg, shown.de_deg, shown.roll_deg), shown.rates_arcsec_per_s, strict=True)
+        rotation = _looking_at(*(angle + rate * since_h for angle, rate in angles))
+    if station.screen is None:
+        return rotation
+    looks = station.screen.to_sensor
+    # To look further right is a turn about down, further down one against right.
+    tilt = product(_about(0, math.degrees(math.atan(_tan(looks.y_deg) * _cos(looks.x_deg)))), _about(1, -looks.x_deg))
+    return np.asarray(product(_about(2, looks.roll_deg), tilt, rotation))
+
+
+def step_at(scenario: Scenario, utc_ns: int) -> tuple[int, float]:
+    """Which step of the scene is shown at an instant, and since how many seconds; the last one stays."""
+    since_s, steps = max((utc_ns - scenario.start_utc_ns) / NS_PER_S, 0.0), scenario.scene.steps
+    for place, step in enumerate(steps):
+        if since_s < step.for_s or place == len(steps) - 1:
+            return place, since_s
+        since_s -= step.for_s
+    return 0, since_s
+
+
+def _of_scene(scenario: Scenario, utc_ns: int) -> NDArray[np.float64]:
+    place, since_s = step_at(scenario, utc_ns)
+    step = scenario.scene.steps[place]
+    rotation = _looking_at(step.ra_deg, step.de_deg, step.roll_deg)
+    if not any(step.turn_deg_per_s):
+        return rotation
+    from scipy.spatial.transform import Rotation  # a quarter of a second, for scenes that turn only
+
+    turned = Rotation.from_rotvec(np.radians(step.turn_deg_per_s) * since_s).inv().as_matrix()
+    return np.asarray(product(turned, rotation))
+
+
+def _looking_at(ra_deg: float, de_deg: float, roll_deg: float) -> NDArray[np.float64]:
     # Look at the equinox, upright: right is west (-y), down is south (-z), out is x.
     upright_equinox = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     # RA grows to the left as one looks at the sky; image up towards east is a roll to the left.
@@ -349,6 +397,14 @@ def icrs_to_sensor(shown: InertialDirection, utc_ns: int) -> NDArray[np.float64]
         _about(2, roll_deg), _about(0, -de_deg), upright_equinox, _about(2, -ra_deg)
     )
     return rotation
+
+
+def _tan(angle_deg: float) -> float:
+    return math.tan(math.radians(angle_deg))
+
+
+def _cos(angle_deg: float) -> float:
+    return math.cos(math.radians(angle_deg))
 
 
 def scene_of(

@@ -7,6 +7,7 @@ of its frame.
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, 
 from gse.station.events import ClockStep
 from gse.station.frame_columns import Columns
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
+from gse.values.shown import ShownSky
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""
@@ -38,6 +40,7 @@ class Cause(StrEnum):
     NO_SKY = "no sky"
     NO_OBJECTS = "no objects"
     OPERATOR = "operator"
+    SCENE_CHANGE = "scene change"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +136,22 @@ def _around_step(event: ClockStep) -> Iterator[Exclusion]:
         from_ns, until_ns = max(first_ns - AROUND_STEP_NS, 0), min(last_ns + AROUND_STEP_NS, LAST_NS)
         if until_ns > from_ns:
             yield Exclusion(from_ns, until_ns, event.text, Cause.CLOCK_STEP, abs(event.step_ns) / NS_PER_S)
+
+
+def scene_changes(sky: ShownSky, frames: Columns) -> Iterator[Exclusion]:
+    """Exposures over a change on the screen: they show two scenes, and no one attitude is their truth."""
+    if len(sky.shown) < 2 or not len(frames):
+        return
+    half_ns = round(float(frames["exposure_s"].max()) / 2 * NS_PER_S)
+    for before, after in pairwise(sky.shown):
+        around_ns = half_ns + round(after.within_ms * 1e6)
+        reason = f"the scene changed from RA {before.ra_deg:.2f} DE {before.de_deg:.2f} deg"
+        yield Exclusion(
+            max(after.from_ns - around_ns, 0),
+            min(after.from_ns + around_ns, LAST_NS),
+            f"{reason} to RA {after.ra_deg:.2f} DE {after.de_deg:.2f} deg",
+            Cause.SCENE_CHANGE,
+        )
 
 
 def parse_exclusion(text: str) -> Exclusion:

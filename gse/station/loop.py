@@ -81,6 +81,7 @@ from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from gse.values.mount import InertialDirection
 from gse.values.panorama import Panorama, Panoramas
+from gse.values.shown import ShownSky
 from gse.values.site import Site
 
 if TYPE_CHECKING:
@@ -152,16 +153,21 @@ class TruthSource:
     """Gives truth at the first panorama; ``given`` tables replace the installed ones, a ``frozen`` orientation both."""
 
     def __init__(
-        self, site: Site, inertial: InertialDirection | None, frozen: EarthOrientation | None, given: GivenTables | None
+        self,
+        site: Site,
+        inertial: InertialDirection | None,
+        shown: ShownSky,
+        frozen: EarthOrientation | None,
+        given: GivenTables | None,
     ) -> None:
-        self._site, self._inertial = site, inertial
+        self._site, self._inertial, self._shown = site, inertial, shown
         self._is_frozen, self._given = frozen is not None, given
         self.orientation = frozen
 
     def at(self, utc_ns: int) -> tuple[SiderealTruth | InertialTruth | None, LinkEvent | None]:
         """Truth for an instant, None where there is none, and the event that says what it lacks, if anything."""
         if self._inertial is not None:
-            return InertialTruth(self._inertial), None
+            return InertialTruth(self._inertial, self._shown), None
         try:
             self.orientation, warning = self._found(utc_ns)
         except TruthError as error:
@@ -241,7 +247,11 @@ class StationLoop:
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
-        self._truth_source = TruthSource(station.site, station.mount.inertial, earth_orientation, given_orientation)
+        if station.screen is not None:
+            self.session.shown.screen_to_sensor = station.screen.to_sensor.rotation()
+        self._truth_source = TruthSource(
+            station.site, station.mount.inertial, self.session.shown, earth_orientation, given_orientation
+        )
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
         self.ahead: Executor | None = None

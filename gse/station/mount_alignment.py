@@ -48,7 +48,9 @@ class MeasuredMounts:
     def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Take frames from the loop."""
         if self._truth is None:
-            self._truth = truth_of(session.station.site, session.station.mount, session.earth_orientation)
+            self._truth = truth_of(
+                session.station.site, session.station.mount, session.earth_orientation, session.shown
+            )
         if self._truth is not None:
             for result in results:
                 self.add(result, self._truth)

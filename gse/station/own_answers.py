@@ -238,7 +238,7 @@ def own_truth(session: SessionData) -> OwnAnswerTruth | None:
     """What an errorless sensor answers in a session; None without Earth orientation, or before the mount is fitted."""
     station = session.station
     mount = session.alignment.mount if session.alignment else station.mount
-    truth = truth_of(station.site, mount, session.earth_orientation)
+    truth = truth_of(station.site, mount, session.earth_orientation, session.shown)
     if truth is None or (station.mount.align is not None and session.alignment is None):
         return None
     corrected = station.sensor.attitude.aberration == "corrected"

@@ -15,6 +15,7 @@ from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters, Subject
 from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS
+from gse.values.shown import ShownSky
 from protocols import StatusMessage
 
 
@@ -30,6 +31,7 @@ class SessionData:
     A ``truncated`` session lost its end. ``stars`` are those of the mission catalogue: matches name its rows.
     ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
     error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
+    ``shown`` is what a screen showed, by its events SHOWN.
     ``external`` is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
     """
 
@@ -54,6 +56,7 @@ class SessionData:
     alignment: Alignment | None = None
     clock_error_s: float | None = None
     excluded: tuple[Exclusion, ...] = ()
+    shown: ShownSky = field(default_factory=ShownSky)
     external: dict[str, Any] | None = None
     external_counts: ExternalCounts = field(default_factory=ExternalCounts)
 

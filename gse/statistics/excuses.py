@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkKind
 from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
-from gse.station.exclusions import Cause, Exclusion, exclusions
+from gse.station.exclusions import Cause, Exclusion, exclusions, scene_changes
 from gse.station.frame_columns import Columns, InOrder
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
 from gse.station.session_data import SessionData
@@ -234,6 +234,10 @@ def _without_sky(session: SessionData) -> Iterable[Exclusion]:
     return tuple(item for item in found if item.cause is not Cause.NO_OBJECTS)
 
 
+def _between_scenes(session: SessionData) -> Iterable[Exclusion]:
+    return scene_changes(session.shown, session.frames.columns)
+
+
 def _stated(session: SessionData) -> Iterable[Exclusion]:
     return session.excluded
 
@@ -293,6 +297,7 @@ LEFT_OUT = (
     LeftOut(Cause.BACKLOG, _clock_and_link, _ACCURACY, "it waited in a buffer, so that its time is not known"),
     LeftOut(Cause.NO_SKY, _without_sky, _ANY, "daylight, or cloud that other frames show too"),
     LeftOut(Cause.NO_OBJECTS, _without_sky, _ANY, "its panoramas are empty: a cap, a cover, an overcast sky"),
+    LeftOut(Cause.SCENE_CHANGE, _between_scenes, tuple(Claim), "it was exposed while the screen changed its scene"),
     LeftOut(Cause.OPERATOR, _stated, _ANY, "left out by the operator, who says why"),
 )
 

@@ -349,7 +349,7 @@ def _by_stars(session: SessionData, rows: NDArray[np.int64], answers: NDArray[np
     left_in = from_angles(frames["ra_deg"], frames["de_deg"], frames["roll_deg"])
     taken_out = left_in
     station, middle = session.station, len(rows) // 2
-    truth = truth_of(station.site, station.mount, session.earth_orientation)
+    truth = truth_of(station.site, station.mount, session.earth_orientation, session.shown)
     if truth is not None and station.mount.inertial is None:
         mount = mount_of(product(left_in[middle], truth.icrs_to_horizon(int(utc_ns[middle])).T))
         of_both = [OwnAnswerTruth(truth, mount, corrected).shifts(utc_ns) for corrected in (True, False)]

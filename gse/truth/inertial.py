@@ -14,15 +14,16 @@ from gse.truth.sidereal import SiderealTruth
 from gse.values.attitude_convention import from_angles
 from gse.values.instant import NS_PER_S
 from gse.values.mount import InertialDirection, Mount
+from gse.values.shown import ShownSky
 from gse.values.site import Site
 
 
 class InertialTruth(SiderealTruth):
-    """The stars before a star simulator."""
+    """The stars before a star simulator: in a stated direction, or as a screen showed them (``sky``)."""
 
-    def __init__(self, shown: InertialDirection) -> None:
+    def __init__(self, shown: InertialDirection, sky: ShownSky | None = None) -> None:
         self.refraction = Refraction(0.0, 0.0)
-        self._shown = shown
+        self._shown, self._sky = shown, sky
 
     def icrs_to_horizon(self, utc_ns: int) -> NDArray[np.float64]:
         """The rotation (3, 3) from ICRS axes to the stand."""
@@ -31,6 +32,8 @@ class InertialTruth(SiderealTruth):
 
     def icrs_to_horizon_at(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """The rotations (M, 3, 3) at many instants (M,)."""
+        if self._sky is not None and self._sky.shown:
+            return self._sky.icrs_to_sensor_at(utc_ns)
         shown = self._shown
         since_h = (utc_ns - shown.at_utc_ns) / NS_PER_S / 3600  # arcsec/s are deg/h
         angles = (shown.ra_deg, shown.de_deg, shown.roll_deg)
@@ -58,8 +61,10 @@ class InertialTruth(SiderealTruth):
         return np.asarray(directions_sensor, dtype=np.float64)
 
 
-def truth_of(site: Site, mount: Mount, earth_orientation: EarthOrientation | None) -> SiderealTruth | None:
+def truth_of(
+    site: Site, mount: Mount, earth_orientation: EarthOrientation | None, sky: ShownSky | None = None
+) -> SiderealTruth | None:
     """The truth of a mount: of the stars that are shown to it, or of the sky; None without Earth orientation."""
     if mount.inertial is not None:
-        return InertialTruth(mount.inertial)
+        return InertialTruth(mount.inertial, sky)
     return None if earth_orientation is None else SiderealTruth(site, earth_orientation)

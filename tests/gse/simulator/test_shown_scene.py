@@ -14,7 +14,6 @@ from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import parse_scenario
 from gse.simulator.scene import icrs_to_sensor, scene_of
 from gse.values.instant import NS_PER_S, from_text
-from gse.values.mount import InertialDirection
 
 NOON_NS = from_text("2026-06-21T05:00:00Z")
 ARCSEC_DEG = 1 / 3600
@@ -57,15 +56,9 @@ def test_stars_stand_where_astropy_has_them_about_the_shown_direction(ra_deg, de
 
 
 def test_a_rate_moves_the_direction_and_the_wrap_of_ra_does_not_matter():
-    shown = InertialDirection(
-        ra_deg=359.999,
-        de_deg=10,
-        roll_deg=-20,
-        ra_rate_arcsec_per_s=20,
-        de_rate_arcsec_per_s=-5,
-        at="2026-06-21T05:00:00Z",
-    )
-    boresight = icrs_to_sensor(shown, NOON_NS + 10 * NS_PER_S)[2]
+    rates = "ra_rate_arcsec_per_s: 20, de_rate_arcsec_per_s: -5, at: 2026-06-21T05:00:00Z"
+    station = laboratory(f"{{ra_deg: 359.999, de_deg: 10, roll_deg: -20, {rates}}}")
+    boresight = icrs_to_sensor(station, quiet(), NOON_NS + 10 * NS_PER_S)[2]
     place = SkyCoord((359.999 + 200 * ARCSEC_DEG) * u.deg, (10 - 50 * ARCSEC_DEG) * u.deg, frame="icrs")
     assert np.abs(boresight - place.cartesian.xyz.value).max() < 1e-9
 
@@ -106,3 +99,43 @@ def test_sim_takes_a_mount_that_is_fixed_to_the_stars():
     while (chunk := sensor.next_chunk()) is not None:
         received += chunk.data
     assert received.count(bytes.fromhex("1acffc1d")) == 3
+
+
+SCENE = """
+scene:
+  seed: 4
+  steps: [{{ra_deg: 83, de_deg: -2, for_s: 10}}, {{ra_deg: 83, de_deg: -2, for_s: 10}}]
+  {}
+"""
+
+
+def places(keys, second=1):
+    scene = scene_of(laboratory("{ra_deg: 83, de_deg: -2}"), quiet(SCENE.format(keys)), np.random.default_rng(1))
+    (xy_px,), magnitude = scene.objects(NOON_NS + second * NS_PER_S, 5.0)
+    here = scene.camera.contains(xy_px)
+    return xy_px[here], magnitude[here]
+
+
+def test_a_scene_drops_a_share_of_the_stars_and_always_the_same_ones():
+    some, _ = places("dropped: 0.5")
+    whole, _ = places("")
+    assert 0.2 * len(whole) < len(some) < 0.8 * len(whole)
+    assert all(np.abs(whole - place).max(axis=1).min() < 1e-9 for place in some)
+    assert (places("dropped: 0.5", 11)[0] == some).all()
+
+
+def test_noise_moves_each_star_by_its_own_error_on_both_axes():
+    whole, _ = places("")
+    moved, _ = places("noise_arcsec: 20")
+    off_px = np.concatenate([moved[np.abs(moved - place).sum(axis=1).argmin()] - place for place in whole])
+    assert np.std(off_px) == pytest.approx(20 / 3600 / np.degrees(1 / 4170), rel=0.3)
+
+
+def test_a_planet_stands_among_the_stars_and_false_objects_on_the_detector():
+    whole, _ = places("")
+    planet, magnitude = places("objects: [{ra_deg: 83, de_deg: -2, magnitude: -2.5}]")
+    assert planet[magnitude == -2.5] == pytest.approx(np.array([[511.5, 511.5]]))
+    first, _ = places("false_objects: 3")
+    second, _ = places("false_objects: 3", 11)
+    assert len(first) == len(second) == len(whole) + 3
+    assert np.abs(first[-3:] - second[-3:]).min() > 0.1  # other ones at each step

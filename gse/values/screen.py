@@ -1,0 +1,96 @@
+"""The screen before a sensor: a monitor that shows stars, mostly behind a collimating lens."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import NDArray
+
+from gse.values.camera import Camera
+from gse.values.matrices import length
+from gse.values.mount import InertialUncertainty
+
+_ABOUT_TEN_ARCSEC = InertialUncertainty()
+_Distortion = Annotated[float, Interval(ge=-1, le=1)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScreenToSensor:
+    """Where the sensor looks on the screen: so far right of its middle and below it, rolled to the left by so much.
+
+    ``uncertainty`` are half-widths of 95 %. Where ``fitted`` the three angles come from the sensor's own answers, and a
+    verdict is relative to them.
+    """
+
+    x_deg: Annotated[float, Interval(ge=-80, le=80)] = 0.0
+    y_deg: Annotated[float, Interval(ge=-80, le=80)] = 0.0
+    roll_deg: Annotated[float, Interval(ge=-360, le=360)] = 0.0
+    uncertainty: InertialUncertainty = _ABOUT_TEN_ARCSEC
+    fitted: bool = False
+
+    def rotation(self) -> NDArray[np.float64]:
+        """The rotation (3, 3) from the axes of the screen (right, down, into it) to the sensor's."""
+        out = np.array([math.tan(math.radians(self.x_deg)), math.tan(math.radians(self.y_deg)), 1.0])
+        out /= length(out)
+        right = np.array([math.cos(math.radians(self.x_deg)), 0.0, -math.sin(math.radians(self.x_deg))])
+        down = np.cross(out, right)
+        cosine, sine = math.cos(math.radians(self.roll_deg)), math.sin(math.radians(self.roll_deg))
+        return np.array([cosine * right - sine * down, sine * right + cosine * down, out])
+
+
+_STRAIGHT_AHEAD = ScreenToSensor()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screen:
+    """Geometry and light of a screen, in its own pixels; ValueError where it is none.
+
+    One of ``focal_length_mm`` (of the collimator) and ``distance_mm`` (without one) says how far away its picture
+    stands. ``gamma`` is the exponent of its brightness law, ``spot_px`` the standard deviation of a star's spot, and
+    ``magnitude_limit`` the faintest star that is drawn; ``brightest_magnitude`` fills the panel's range.
+    """
+
+    pixel_pitch_mm: Annotated[float, Interval(ge=0.001, le=10)]
+    columns: Annotated[int, Interval(ge=64, le=16384)]
+    rows: Annotated[int, Interval(ge=64, le=16384)]
+    focal_length_mm: Annotated[float, Interval(ge=1, le=100_000)] | None = None
+    distance_mm: Annotated[float, Interval(ge=1, le=100_000)] | None = None
+    radial_distortion: tuple[_Distortion, _Distortion] = (0.0, 0.0)
+    tangential_distortion: tuple[_Distortion, _Distortion] = (0.0, 0.0)
+    gamma: Annotated[float, Interval(ge=0.5, le=5)] = 2.2
+    spot_px: Annotated[float, Interval(ge=0.4, le=10)] = 1.2
+    magnitude_limit: Annotated[float, Interval(ge=-2, le=10)] = 6.0
+    brightest_magnitude: Annotated[float, Interval(ge=-5, le=9)] = 1.5
+    refresh_hz: Annotated[float, Interval(ge=10, le=500)] = 60.0
+    latency_ms: Annotated[float, Interval(ge=0, le=1000)] = 0.0
+    """From the instant at which the browser draws to the light of the panel; what ``gse screen --blink`` measures."""
+    latency_uncertainty_ms: Annotated[float, Interval(ge=0, le=1000)] = 20.0
+    to_sensor: ScreenToSensor = _STRAIGHT_AHEAD
+
+    def __post_init__(self) -> None:
+        if (self.focal_length_mm is None) == (self.distance_mm is None):
+            raise ValueError(
+                "expected one of focal_length_mm (of the lens before the screen) and distance_mm (without a lens)"
+            )
+        if self.brightest_magnitude >= self.magnitude_limit:
+            raise ValueError(
+                f"brightest_magnitude is {self.brightest_magnitude:g} and magnitude_limit {self.magnitude_limit:g}; "
+                "expected the brightest star to have the smaller magnitude"
+            )
+
+    def camera(self) -> Camera:
+        """The screen as a camera sees it from the sensor's place: directions to its pixels and back."""
+        away_mm = self.focal_length_mm if self.focal_length_mm is not None else self.distance_mm
+        assert away_mm is not None
+        centre = ((self.columns - 1) / 2, (self.rows - 1) / 2)
+        return Camera(
+            self.rows,
+            self.columns,
+            away_mm / self.pixel_pitch_mm,
+            centre,
+            self.radial_distortion,
+            False,
+            self.tangential_distortion,
+        )
