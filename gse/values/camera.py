@@ -124,7 +124,7 @@ class Camera:
                     break
             missed_px = np.abs(self._undistorted(offset) - undistorted).max(axis=1)
             offset[~(missed_px < 10 * _UNDISTORTED_WITHIN_PX * np.maximum(far, 1.0))] = np.nan
-        return offset
+        return np.asarray(offset)
 
     def _step(self, offset: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
         """Steps (N, 2) of Newton's method, each halved until it brings its place nearer to what is wanted."""
