@@ -19,7 +19,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.statistics.autocorrelation import exponential_spectrum
 from gse.values.matrices import inv, log_det, lstsq, pinv, product, solve
 
 PENALTY = 5.0
@@ -228,3 +227,16 @@ def _shapes(ordinates: int) -> tuple[NDArray[np.float64], ...]:
     prior = np.full(len(spectra), (1 - _WHITE_PRIOR) / len(correlated))
     prior[0] = _WHITE_PRIOR
     return spectra[:, :1], 1 / spectra[:, 1:], np.log(spectra[:, 1:]).sum(axis=1), np.log(prior)
+
+
+def exponential_spectrum(time: float, places: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Variances of the cosines (the mean at place 0) of a series with correlation exp(-time s) over s from 0 to 1.
+
+    In units of the spectrum at zero of a long series: the double integral of correlation and cosines in closed form.
+    """
+    frequency = math.pi * places
+    poles = time**2 + frequency**2
+    ends = 1 - (-1.0) ** places * math.exp(-time)
+    variance = time**2 / poles - 2 * time**3 * ends / poles**2
+    variance[0] = 1 - (1 - math.exp(-time)) / time
+    return np.asarray(variance)

@@ -1,8 +1,8 @@
 """The three error angles of a session over time, and their cosine transform.
 
 An error is the small rotation between measured and true attitude, as shifts of the boresight along columns and rows and
-as roll, in arcsec. The transform's ordinates are independent whatever the correlation of the errors
-(gse.statistics.autocorrelation): slow causes show in the lowest, where slow noise shows too.
+as roll, in arcsec. The transform's ordinates are nearly independent whatever the correlation of the errors (Müller &
+Watson 2008, Econometrica 76, 979): slow causes show in the lowest, where slow noise shows too.
 """
 
 import functools

@@ -93,7 +93,7 @@ def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]
     absolute = np.abs(error_arcsec)
     p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
     std = float(error_arcsec.std(ddof=1)) if n > 1 else _NAN
-    bounds = error_bounds(error_arcsec) if time_s[-1] >= MIN_S else ErrorBounds()
+    bounds = error_bounds(error_arcsec, time_s) if time_s[-1] >= MIN_S else ErrorBounds()
     slope, slopes = drift(time_s, error_arcsec)
     smooth, count = _running_mean(time_s, error_arcsec)
     noise = _noise(error_arcsec - smooth, count)

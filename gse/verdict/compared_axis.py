@@ -12,9 +12,9 @@ from gse.station.columns import STATUSES
 from gse.station.own_answers import SensorAnswers
 from gse.station.results import ERRORS, Status, Subject
 from gse.station.session_data import SessionData
-from gse.statistics.autocorrelation import mean_error
 from gse.statistics.axis_statistics import AxisStatistics, quick_errors
 from gse.statistics.counted_frames import false_answers
+from gse.statistics.error_model import error_model
 from gse.statistics.sampling import MIN_FRAMES
 from gse.statistics.sensor_convention import is_wrong
 from gse.statistics.session_statistics import Statistics, sensor_masks, statistics
@@ -237,7 +237,7 @@ def error_of_mean(values: NDArray[np.float64]) -> float:
         return _NAN
     if len(values) < MIN_FRAMES or float(np.ptp(values)) == 0:
         return float(values.std(ddof=1) / math.sqrt(len(values)))
-    return mean_error(values).standard
+    return error_model(values).mean_error().standard
 
 
 def sigmas_of(difference: float, sigma: float) -> float:

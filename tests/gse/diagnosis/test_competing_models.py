@@ -13,12 +13,12 @@ from gse.diagnosis.competing_models import (
     Predictions,
     _shapes,
     by_its_noise,
+    exponential_spectrum,
     fitted,
     white_precision,
 )
 from gse.diagnosis.fine_causes import _without_idle
 from gse.diagnosis.fine_hypotheses import FineHypothesis
-from gse.statistics.autocorrelation import exponential_spectrum
 
 K = 40
 NOISE = np.random.default_rng(1).normal(size=(K, 3))
@@ -35,6 +35,16 @@ def observed(*, mean=(0.0, 0.0, 0.0), lasting=SURE, cosines=NOISE, parameters=(0
 
 def twice_log(**what):
     return fitted(observed(**what), NOTHING).twice_log_likelihood
+
+
+@pytest.mark.parametrize("time", [0.5, 5.0, 50.0])
+def test_the_spectrum_of_correlated_noise_is_the_sum_over_its_covariance(time):
+    places, s = np.arange(33), (np.arange(400) + 0.5) / 400
+    covariance = np.exp(-time * np.abs(s[:, None] - s)) * time / 2
+    cosines = np.sqrt(np.where(places == 0, 1.0, 2.0))[:, None] * np.cos(np.pi * places[:, None] * s) / len(s)
+    assert exponential_spectrum(time, places) == pytest.approx(
+        np.einsum("ki,ij,kj->k", cosines, covariance, cosines), abs=2e-3
+    )
 
 
 @pytest.mark.parametrize("mean", [(150.0, 0.0, 0.0), (30.0, -400.0, 800.0)])

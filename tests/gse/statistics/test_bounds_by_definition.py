@@ -4,31 +4,30 @@ import math
 
 import numpy as np
 import pytest
+import scipy.stats
 
-from gse.statistics.autocorrelation import mean_error, weighted_sum_error
+from gse.statistics.error_model import SESSION, error_model
 from gse.statistics.sampling import (
-    Bounds,
-    _above,
     _at_share,
+    _bent,
     _beyond,
     _exp,
+    _folded,
     _growth,
-    _shifted,
-    _widened,
+    _level,
+    _shape_error,
     effective_number,
     error_bounds,
     mean_bounds,
-    percentile_95,
     root_mean_square_bounds,
     slope_bounds,
 )
 
 TWO_SIDED, ONE_SIDED = 0.975, 0.95
-QUANTILE = {TWO_SIDED: 1.959964, ONE_SIDED: 1.644854}
 
 
 def half_width(values, probability):
-    return mean_error(values).half_width(probability)
+    return error_model(values).mean_error().half_width(probability)
 
 
 def exceeded(absolute, share):
@@ -37,72 +36,48 @@ def exceeded(absolute, share):
     return float(np.interp((1 - share) * (n + 1), np.arange(1, n + 1), np.sort(absolute)))
 
 
-def moved(errors, probability):
-    """Errors with their bias at either end of its interval: least, and most with the variance of the mean beside."""
-    mean, sd, half = errors.mean(), errors.std(), half_width(errors, probability)
-    wider = math.sqrt(1 + (half / QUANTILE[probability] / sd) ** 2)
-    return errors - np.clip(mean, -half, half), wider * (errors - mean) + mean + math.copysign(half, mean)
+@pytest.mark.parametrize("bias", [0.0, 0.3, 1.7, 6.0])
+def test_the_figures_of_normal_errors_are_those_of_the_folded_normal_distribution(bias) -> None:
+    mean, p95 = _folded(np.array([-2 * bias]), np.array([2.0]))[:, 0]
+    assert mean == pytest.approx(2 * scipy.stats.foldnorm.mean(bias))
+    assert p95 == pytest.approx(2 * scipy.stats.foldnorm.ppf(0.95, bias), abs=1e-4)
 
 
-def log_of_share(absolute, probability):
-    """How far the share of values beyond the 95th percentile may be off: known no better than their mean is."""
-    beyond = (absolute >= exceeded(absolute, 0.05)).astype(float)
-    by_mean = half_width(absolute, probability) * beyond.std() / absolute.std()
-    return max(half_width(beyond, probability), by_mean) / beyond.mean()
+def test_the_bounds_are_those_of_the_model_about_the_figures_seen_with_the_error_of_their_shape() -> None:
+    errors = np.random.default_rng(3).normal(1.0, 2.0, 300)
+    absolute, found, model = np.abs(errors), error_bounds(errors), error_model(errors)
+    seen = absolute.mean(), np.percentile(absolute, 95)
+    plain = _folded(np.array([errors.mean()]), np.array([errors.std()]))[:, 0]
+    level = _level(errors.mean() / errors.std(), found.n_eff)
+    of_points = np.quantile(_folded(*model.points(SESSION)), level, axis=1) - plain
+    shape = _shape_error(absolute, np.sort(absolute), model.shape_number, 1.644854)
+    upper = seen + np.hypot(of_points, shape)
+    assert (found.mean_abs.upper, found.p95_abs.upper) == pytest.approx(tuple(upper))
 
 
-@pytest.mark.parametrize("side", [1, -1])
-def test_errors_of_one_sign_have_the_bounds_of_their_bias_and_of_their_logarithm(side) -> None:
-    errors = side * np.random.default_rng(1).uniform(0.5, 3.5, 40)
-    mean, found = float(np.abs(errors).mean()), error_bounds(errors).mean_abs
-    two, one = (half_width(errors, probability) for probability in (TWO_SIDED, ONE_SIDED))
-    assert (found.low, found.lower) == (pytest.approx(mean - two), pytest.approx(mean - one))
-    assert (found.high, found.upper) == (
-        pytest.approx(mean * math.exp(two / mean)),
-        pytest.approx(mean * math.exp(one / mean)),
-    )
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_shape_of_a_percentile_is_known_as_the_share_of_values_beyond_it(side) -> None:
+    """Woodruff (1952), on the logarithm of the share."""
+    absolute = np.abs(np.random.default_rng(3).normal(0, 1.0, 3000))
+    log = side * 1.645 * math.sqrt(0.95 / 0.05 / 3000)
+    expected = exceeded(absolute, 0.05 * math.exp(-log)) - exceeded(absolute, 0.05)
+    assert _shape_error(absolute, np.sort(absolute), 3000.0, side * 1.645)[1] == pytest.approx(0.8 * expected)
 
 
-def test_errors_about_zero_are_bounded_by_what_a_bias_may_have_hidden() -> None:
-    errors = np.random.default_rng(2).normal(0.02, 1.0, 400)
-    found = error_bounds(errors)
-    least, lower = (moved(errors, probability)[0] for probability in (TWO_SIDED, ONE_SIDED))
-    assert found.mean_abs.low <= np.abs(least).mean()
-    assert found.mean_abs.lower <= np.abs(lower).mean()
+@pytest.mark.parametrize(
+    ("bias", "n_eff", "level"),
+    [(0.0, 4.0, 0.75), (0.0, 1.0, 0.75), (0.0, 40.0, 0.93), (0.6, 4.0, 0.85), (1.2, 1.0, 0.95), (5.0, 1.0, 0.95)],
+)
+def test_u_is_taken_at_a_lower_level_where_a_bias_is_not_known(bias, n_eff, level) -> None:
+    assert _level(bias, n_eff) == pytest.approx(level)
 
 
-@pytest.mark.parametrize("place", [0.3, 0.7])
-def test_errors_that_change_sides_once_are_bounded_by_their_bias_at_the_ends_of_its_interval(place) -> None:
-    """Their sizes are all alike and well known; what is not known is where they stay."""
-    sides = np.where(np.arange(400) < place * 400, -1.0, 1.0)
-    errors = sides * np.random.default_rng(2).normal(1.0, 0.1, 400)
-    found = error_bounds(errors)
-    (least, most), (lower, upper) = moved(errors, TWO_SIDED), moved(errors, ONE_SIDED)
-    assert found.p95_abs.high == pytest.approx(np.percentile(np.abs(most), 95))
-    assert found.p95_abs.upper == pytest.approx(np.percentile(np.abs(upper), 95))
-    assert found.mean_abs.high == pytest.approx(np.abs(most).mean())
-    assert found.mean_abs.upper == pytest.approx(np.abs(upper).mean())
-    assert found.mean_abs.low <= np.abs(least).mean()
-    assert found.mean_abs.lower <= np.abs(lower).mean()
-
-
-@pytest.mark.parametrize("count", [300, 3000])
-def test_the_bounds_of_a_percentile_are_percentiles_at_the_ends_of_its_share(count) -> None:
-    """Woodruff (1952), on the logarithm of the share of values that lie beyond the percentile."""
-    errors = np.random.default_rng(3).normal(0, 1.0, count)
-    absolute, found = np.abs(errors), error_bounds(errors).p95_abs
-    for probability, low, high in ((TWO_SIDED, found.low, found.high), (ONE_SIDED, found.lower, found.upper)):
-        wide = log_of_share(absolute, probability)
-        assert low == pytest.approx(exceeded(absolute, 0.05 * math.exp(wide)))
-        assert high == pytest.approx(exceeded(absolute, 0.05 * math.exp(-wide)))
-
-
-def test_where_few_values_lie_beyond_the_percentile_its_tail_is_exponential() -> None:
-    errors = np.random.default_rng(8).normal(0, 1.0, 60)
-    absolute, found = np.abs(errors), error_bounds(errors).p95_abs
-    tail = np.sort(absolute)[48:]  # the upper fifth
-    beyond = log_of_share(absolute, TWO_SIDED) * (tail - tail[0]).mean()
-    assert found.high == pytest.approx(exceeded(absolute, 0.05) + beyond)
+def test_a_bend_is_the_departure_from_a_line_beyond_its_noise() -> None:
+    s = (np.arange(400) + 0.5) / 400
+    wave = np.sin(2 * np.pi * s)
+    residuals = wave - np.polyval(np.polyfit(s, wave, 1), s)
+    assert _bent(residuals) == pytest.approx(1.3 * np.ptp(residuals.reshape(8, 50).mean(axis=1)), rel=0.01)
+    assert np.median([_bent(np.random.default_rng(seed).normal(size=400)) for seed in range(9)]) < 0.1
 
 
 def test_a_root_mean_square_is_bounded_on_the_scale_of_its_logarithm() -> None:
@@ -115,7 +90,7 @@ def test_a_root_mean_square_is_bounded_on_the_scale_of_its_logarithm() -> None:
 
 def test_what_is_less_certain_than_by_its_size_is_bounded_by_the_tangent() -> None:
     """e x instead of exp(x), beyond 1: no figure is bounded by its own thousandfold."""
-    values = np.random.default_rng(2).exponential(1.0, 40) ** 4
+    values = np.append(0.1 * np.random.default_rng(2).exponential(1.0, 39), [40.0] * 2)
     mean = float((values**2).mean())
     wide = half_width(values**2, TWO_SIDED) / mean / 2
     assert wide > 1
@@ -127,12 +102,6 @@ def test_a_share_of_frames_has_the_number_whose_binomial_interval_is_as_wide() -
     share, half = happened.mean(), half_width(happened.astype(float), TWO_SIDED)
     number = effective_number(happened)
     assert 1.959964 * math.sqrt(share * (1 - share) / number) == pytest.approx(half, rel=1e-6)
-
-
-@pytest.mark.parametrize("count", [2, 3, 20, 21, 22, 1000])
-def test_the_95th_percentile_is_numpys(count) -> None:
-    values = np.random.default_rng(count).normal(size=count)
-    assert percentile_95(values) == pytest.approx(np.percentile(values, 95), rel=1e-12)
 
 
 # Parts, by hand
@@ -189,41 +158,13 @@ def test_an_exponential_neither_overflows_nor_vanishes(log, held) -> None:
     assert math.log(_exp(log)) == pytest.approx(held)
 
 
-def test_bounds_of_what_is_greater_are_no_lower() -> None:
-    assert _above(Bounds(1.0, 9.0, 2.0, 8.0), Bounds(0.5, 99.0, 2.5, 99.0)) == Bounds(1.0, 9.0, 2.5, 8.0)
-    assert _above(Bounds(1.0, 9.0, 2.0, 8.0), Bounds(1.5, 99.0, 1.0, 99.0)) == Bounds(1.5, 9.0, 2.0, 8.0)
-
-
-def test_bounds_are_widened_to_both_sides_by_their_own_ends() -> None:
-    bounds = Bounds(1.0, 9.0, 2.0, 8.0)
-    assert _widened(bounds, np.array([0.5, 9.5]), np.array([1.5, 8.5])) == Bounds(0.5, 9.5, 1.5, 8.5)
-    assert _widened(bounds, np.array([1.5, 8.5]), np.array([2.5, 7.5])) == bounds
-
-
-@pytest.mark.parametrize("mean", [0.0, 0.4, -0.4])
-def test_errors_are_shifted_by_a_half_width_towards_zero_and_away_from_it(mean) -> None:
-    """Ten errors of scatter 1; three quarters of the scatter, known of the mean, make 1.25 of 1."""
-    errors = np.resize([1.0, -1.0], 10) + mean
-    (mean_least, mean_most), (p95_least, p95_most) = _shifted(errors, 1.5, 2.0)
-    far = 1.25 + abs(mean) + 1.5
-    assert (mean_least, p95_least) == pytest.approx((1.0, 1.0))  # the bias may be none
-    assert p95_most == pytest.approx(far)
-    assert mean_most == pytest.approx((far + (abs(mean) + 1.5 - 1.25)) / 2)
-
-
-@pytest.mark.parametrize(("mean", "least"), [(4.0, 2.5), (-4.0, 2.5)])
-def test_a_bias_that_is_beyond_doubt_is_taken_at_the_near_end_of_its_interval(mean, least) -> None:
-    errors = np.resize([1.0, -1.0], 10) + mean
-    assert _shifted(errors, 1.5, 2.0)[0, 0] == pytest.approx(least)
-
-
 # What an effective number is, and what tells nothing
 
 
 def test_the_effective_number_is_that_of_independent_values_with_such_an_error() -> None:
     slow = np.cumsum(np.random.default_rng(1).normal(size=300))
     found = error_bounds(slow)
-    assert found.n_eff == pytest.approx(slow.var() / mean_error(slow).standard ** 2)
+    assert found.n_eff == pytest.approx(slow.var() / error_model(slow).mean_error(SESSION).standard ** 2)
     assert found.tau_frames == pytest.approx(300 / found.n_eff)
     to_and_fro = np.resize([1.0, -1.0], 300) + 0.1 * np.random.default_rng(1).normal(size=300)
     assert error_bounds(to_and_fro).n_eff == 300
@@ -245,7 +186,7 @@ def nothing(bounds):
 def test_errors_of_one_size_bound_their_bias_alone() -> None:
     errors = np.resize([1.0, -1.0, 1.0], 60)
     found = error_bounds(errors)
-    assert found.n_eff == pytest.approx(min(errors.var() / mean_error(errors).standard ** 2, 60))
+    assert found.n_eff == pytest.approx(min(errors.var() / error_model(errors).mean_error(SESSION).standard ** 2, 60))
     assert found.tau_frames == pytest.approx(60 / found.n_eff)
     assert found.bias.high - found.bias.low == pytest.approx(2 * half_width(errors, TWO_SIDED))
     assert nothing(found.mean_abs)
@@ -270,18 +211,12 @@ def test_thirty_values_bound_all() -> None:
     assert not any(map(nothing, (*bounds, slope_bounds(1.0, np.arange(30.0), values))))
 
 
-def test_a_percentile_that_nearly_all_values_reach_has_no_bounds() -> None:
-    errors = np.where(np.arange(100) % 50 == 7, 2.0, 1.0)
-    assert nothing(error_bounds(errors).p95_abs)
-    assert not nothing(error_bounds(errors).mean_abs)
-
-
-def test_a_slope_is_bounded_by_the_error_of_its_weighted_sum() -> None:
+def test_a_slope_is_bounded_by_its_own_error_and_by_the_bend() -> None:
     at = np.sort(np.random.default_rng(6).uniform(3.0, 9.0, 80))
-    values = 2.0 * at + np.random.default_rng(7).normal(0, 1.0, 80)
-    weights = (at - at.mean()) / ((at - at.mean()) ** 2).sum()
-    error = weighted_sum_error(weights, values - np.polyval(np.polyfit(at, values, 1), at))
-    two, one = error.half_width(TWO_SIDED), error.half_width(ONE_SIDED)
+    values = 2.0 * at + np.sin(at) + np.random.default_rng(7).normal(0, 1.0, 80)
+    bent = _bent(values - np.polyval(np.polyfit(at, values, 1), at)) / (at[-1] - at[0])
+    error = error_model(values, at).slope_error()
+    two, one = (math.hypot(error.half_width(probability), bent) for probability in (TWO_SIDED, ONE_SIDED))
     found = slope_bounds(1.75, at, values)
     assert [found.low, found.high, found.lower, found.upper] == pytest.approx(
         [1.75 - two, 1.75 + two, 1.75 - one, 1.75 + one]
@@ -306,26 +241,6 @@ def test_what_happened_always_or_never_counts_as_its_frames(happened, number) ->
 
 def test_what_happens_in_turn_counts_as_its_frames_at_most() -> None:
     assert effective_number(np.resize([True, False], 400)) == 400
-
-
-def test_the_end_of_a_percentile_is_of_the_tail_where_less_than_three_independent_values_lie_beyond() -> None:
-    """The number whose share is as well known on the scale of its logarithm: of a share p of n, (1 - p) / p / n."""
-    seen = set()
-    for count in range(40, 420, 20):
-        errors = np.random.default_rng(count).normal(0, 1.0, count)
-        absolute, found = np.abs(errors), error_bounds(errors).p95_abs
-        wide = {probability: log_of_share(absolute, probability) for probability in (TWO_SIDED, ONE_SIDED)}
-        share = (absolute >= exceeded(absolute, 0.05)).mean()
-        number = (1 - share) / share / (wide[TWO_SIDED] / 1.959964) ** 2
-        tail = np.sort(absolute)[int(0.8 * count) :]
-        for probability, high in ((TWO_SIDED, found.high), (ONE_SIDED, found.upper)):
-            log = wide[probability]
-            inside = exceeded(absolute, 0.05 * math.exp(-log))
-            is_tail = 0.05 * math.exp(-log) * number < 3
-            beyond = max(inside, exceeded(absolute, 0.05) + log * (tail - tail[0]).mean()) if is_tail else inside
-            assert high == pytest.approx(max(beyond, np.percentile(np.abs(moved(errors, probability)[1]), 95)))
-            seen.add(is_tail)
-    assert seen == {True, False}
 
 
 @pytest.mark.parametrize("at", [[0.0] * 39 + [1.0], [0.0] + [1.0] * 39], ids=["but the last", "but the first"])

@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from gse.statistics.autocorrelation import MixedStudent
+from gse.statistics.error_model import MixedStudent
 
 
 @pytest.mark.parametrize(
