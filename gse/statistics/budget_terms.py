@@ -1,7 +1,7 @@
 """What site, air, Earth orientation, mount and times of frames leave open in the truth, each by its own slope."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -13,7 +13,6 @@ from gse.station.attitude_error import attitude_error
 from gse.statistics.uncertainty import TO_STANDARD, Distribution, Term
 from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor
 from gse.values.attitude import Attitude
-from gse.values.axis import AXES
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.values.matrices import eigh, length, product
 from gse.values.mount import InertialDirection, Mount
@@ -118,9 +117,6 @@ def absolute(vector: Vector) -> Vector:
 #
 # docs/uncertainty.md has the reason of each number.
 
-STABILITY = "mount stability"
-"""The name of its term."""
-
 _TIME_STAMP_S = 0.001
 """An operating system wakes a reader within this much (Linux, an idle machine)."""
 _BITS_PER_BYTE = 10
@@ -177,32 +173,6 @@ def fitted_mount(alignment: Alignment, at: ChangedTruth) -> Term:
         distribution=Distribution.STUDENT,
         degrees_of_freedom=float(max((blocks if blocks >= 8 else alignment.n) - 1, 1)),
     )
-
-
-def stability(drift_arcsec_per_h: Mapping[str, float], duration_s: float, *, fitted: bool) -> Term:
-    """A drift of the mount over the session: the sky cannot tell it from a drift of the sensor."""
-    hours = duration_s / 3600
-    # A stated mount was surveyed at some time; a fitted one is that of the session's beginning.
-    reach = hours if fitted else hours / 2
-    ra, de, roll = (_half_width(reach * drift_arcsec_per_h.get(axis.key, 0.0)) / math.sqrt(3) for axis in AXES)
-    return Term(
-        STABILITY,
-        math.hypot(ra, de),
-        "arcsec",
-        ra,
-        de,
-        roll,
-        evidence=f"A: drift of the residuals over {hours:.2f} h, the larger end of its 95 % interval",
-        explanation="a mount that sags and a sensor that drifts look alike",
-        remedy="let mount and sensor settle; measure longer",
-        distribution=Distribution.RECTANGULAR,
-        corrected=False,
-    )
-
-
-def _half_width(arcsec: float) -> float:
-    """A drift that a session is too short for is judged by the sampling, not here."""
-    return arcsec if math.isfinite(arcsec) else 0.0
 
 
 def clock(error_s: float, at: ChangedTruth) -> Term:
@@ -431,10 +401,8 @@ def _other_humidity(site: Site, by: float) -> float:
     return site.relative_humidity + (by if site.relative_humidity + by <= 1 else -by)
 
 
-def inertial_terms(
-    shown: InertialDirection, clock_error_s: float, drift_arcsec_per_h: Mapping[str, float] | None, duration_s: float
-) -> Iterator[Term]:
-    """The stated direction, the time where it moves, and its stability over the session."""
+def inertial_terms(shown: InertialDirection, clock_error_s: float) -> Iterator[Term]:
+    """The stated direction, and the time where it moves."""
     across, roll = shown.uncertainty.across_arcsec * TO_STANDARD, shown.uncertainty.roll_arcsec * TO_STANDARD
     evidence = "B: as stated in the station file, or 10 arcsec (95 %)"
     remedy = "measure it better and state mount.inertial.uncertainty"
@@ -454,8 +422,6 @@ def inertial_terms(
         )
     if any(shown.rates_arcsec_per_s):
         yield _time(shown, clock_error_s)
-    if drift_arcsec_per_h is not None:
-        yield stability(drift_arcsec_per_h, duration_s, fitted=False)
 
 
 def _time(shown: InertialDirection, clock_error_s: float) -> Term:

@@ -91,7 +91,6 @@ DECISION_TEXT = {
 }
 
 _NO_LENGTH = "a longer session cannot decide"
-_BY_DRIFT = "most of it a drift that a longer session tells better"
 _NAN = float("nan")
 
 
@@ -174,13 +173,8 @@ class Criterion:
         return f"{self.subject} {self.name}"
 
 
-def judge_figure(
-    asked: Criterion, figure: Figure, *, truth_uncertainty: float, relative: bool = False, settles: bool = False
-) -> Row:
-    """The row of a figure that must not exceed its limit.
-
-    ``settles`` where most of what truth leaves open is what a longer session tells better.
-    """
+def judge_figure(asked: Criterion, figure: Figure, *, truth_uncertainty: float, relative: bool = False) -> Row:
+    """The row of a figure that must not exceed its limit."""
     above = guard(figure.bounds.upper - figure.value, truth_uncertainty)
     below = guard(figure.value - figure.bounds.lower, truth_uncertainty)
     outcome = _outcome(asked, figure, truth_uncertainty)
@@ -192,8 +186,7 @@ def judge_figure(
         reason += f" (U {amount(below, asked.unit)})" if math.isfinite(below) else ""
     elif outcome is Outcome.INCONCLUSIVE:
         uncertainty = above if figure.value <= asked.limit else below
-        left = _BY_DRIFT if settles else _NO_LENGTH
-        reason = f"{asked.label}{_why_undecided(asked, figure, uncertainty, truth_uncertainty, left)}"
+        reason = f"{asked.label}{_why_undecided(asked, figure, uncertainty, truth_uncertainty)}"
     return Row(
         asked.subject,
         asked.name,
@@ -228,8 +221,8 @@ def _risk(value: float, above: float, limit: float) -> float:
     return float(ndtr(-(limit - value) * COVERAGE_FACTOR / above)) if above > 0 else _NAN
 
 
-def _why_undecided(asked: Criterion, figure: Figure, uncertainty: float, truth_uncertainty: float, left: str) -> str:
-    """What follows the name of the row; ``left`` says what a longer session does to what truth leaves open."""
+def _why_undecided(asked: Criterion, figure: Figure, uncertainty: float, truth_uncertainty: float) -> str:
+    """What follows the name of the row."""
     if figure.is_of_few_frames:
         return f": {count_text(figure.frames, 'frame')} compared with truth, {MIN_FRAMES} are needed"
     if math.isnan(figure.bounds.upper):
@@ -244,7 +237,7 @@ def _why_undecided(asked: Criterion, figure: Figure, uncertainty: float, truth_u
     more_min = minutes_more(figure, asked.limit, truth_uncertainty)
     if math.isfinite(more_min):
         return f"{text}: {_minutes(more_min)} would have decided"
-    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, asked.unit)}, {left}"
+    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, asked.unit)}, {_NO_LENGTH}"
 
 
 def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:

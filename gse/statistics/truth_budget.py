@@ -8,12 +8,12 @@ of the report, and ``complaint`` a sentence where it is too much for a limit.
 Sensitivities are finite differences of SiderealTruth: the truth of the session's middle is taken again with an input
 that is changed by one standard uncertainty. Numbers in the station file under ``uncertainty`` are half-widths of 95 %
 (k = 2), as certificates and GPS receivers state them. A mount that was fitted on the session's own sky takes up every
-error that is constant in the horizon frame: site, vertical, refraction at the boresight, UT1, time stamp.
+error that is constant in the horizon frame: site, vertical, refraction at the boresight, UT1, time stamp. What mount
+or clock do in the session is in the errors that are seen, so it counts in their sampling (gse.statistics.sampling).
 docs/uncertainty.md explains each term and its default.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,6 @@ from gse.statistics.budget_terms import (
     inertial_terms,
     model_terms,
     site_terms,
-    stability,
     stated_mount,
     time_stamp,
 )
@@ -48,9 +47,8 @@ _USUAL_FIELD = FieldOfStars()
 class SessionFacts:
     """What the budget is made from: the instant is the session's middle.
 
-    ``alignment`` is the mount where it was fitted on other frames of the session. ``drift_arcsec_per_h`` is the
-    greatest drift that the aligned residuals allow, by axis: the larger end of its 95 % interval, without sign.
-    ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
+    ``alignment`` is the mount where it was fitted on other frames of the session. ``own_stars_arcsec`` is what its
+    choice of stars makes of the sensor's own answers (0: it sent none).
     """
 
     site: Site
@@ -62,7 +60,6 @@ class SessionFacts:
     baudrate: int = 115_200
     duration_s: float = 0.0
     alignment: Alignment | None = None
-    drift_arcsec_per_h: Mapping[str, float] | None = None
     own_stars_arcsec: float = 0.0
 
 
@@ -110,9 +107,7 @@ def _amount(arcsec: float) -> str:
     return f"{arcsec:.1f}" if math.isfinite(arcsec) else "an unknown error"
 
 
-def session_facts(
-    session: SessionData, *, clock_error_s: float, drift_arcsec_per_h: Mapping[str, float] | None = None
-) -> SessionFacts:
+def session_facts(session: SessionData, *, clock_error_s: float) -> SessionFacts:
     """The facts of a session; ``clock_error_s`` is the bound that clock_health found (inf: not known)."""
     frames, station = session.frames.columns, session.station
     utc_ns, middle_ns = instants_ns(frames, session.events), middle_instant_ns(session)
@@ -126,7 +121,6 @@ def session_facts(
         baudrate=station.port.baudrate,
         duration_s=float(np.ptp(utc_ns)) / 1e9 if len(frames) else 0.0,
         alignment=session.alignment,
-        drift_arcsec_per_h=drift_arcsec_per_h,
         own_stars_arcsec=by_other_stars_arcsec(session) if len(session.sensor_attitudes) else 0.0,
     )
 
@@ -134,9 +128,7 @@ def session_facts(
 def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
     """The budget of a session; without Earth orientation there is no truth, and one unknown term says so."""
     if facts.mount.inertial is not None:
-        terms = tuple(
-            inertial_terms(facts.mount.inertial, facts.clock_error_s, facts.drift_arcsec_per_h, facts.duration_s)
-        )
+        terms = tuple(inertial_terms(facts.mount.inertial, facts.clock_error_s))
     elif facts.earth_orientation is None:
         terms = (_no_truth(),)
     else:
@@ -173,8 +165,6 @@ def _terms(facts: SessionFacts, orientation: EarthOrientation) -> list[Term]:
     else:
         constant = [_absorbed(term) for term in constant]
         mount = [fitted_mount(facts.alignment, at)]
-    if facts.drift_arcsec_per_h is not None:
-        mount.append(stability(facts.drift_arcsec_per_h, facts.duration_s, fitted=facts.alignment is not None))
     stars = star_terms(facts.stars, facts.utc_ns, facts.duration_s)
     if facts.own_stars_arcsec:
         stars.append(own_stars(facts.own_stars_arcsec, facts.stars.width_rad))

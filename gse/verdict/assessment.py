@@ -127,12 +127,7 @@ def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
 
 
 def _budget(session: SessionData, stats: Statistics) -> TruthUncertaintyBudget:
-    drifts = {
-        axis: max(abs(of_axis.drift_low_arcsec_per_h), abs(of_axis.drift_high_arcsec_per_h))
-        for axis, of_axis in stats.onboard.axes.items()
-    }
-    facts = session_facts(session, clock_error_s=stats.clock.error_bound_s, drift_arcsec_per_h=drifts)
-    return truth_budget(facts)
+    return truth_budget(session_facts(session, clock_error_s=stats.clock.error_bound_s))
 
 
 def is_simulated(session: SessionData) -> bool:

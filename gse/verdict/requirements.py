@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import MIN_S
-from gse.statistics.budget_terms import STABILITY
 from gse.statistics.decision import (
     COVERAGE_FACTOR,
     Claim,
@@ -79,15 +78,6 @@ class Case:
         truth = self.budget.own_axes if self.subject.subject is Subject.SENSOR else self.budget.axes
         return math.hypot(*(truth[axis.key].one_sided_arcsec / COVERAGE_FACTOR for axis in axes))
 
-    def truth_settles(self, axes: tuple[Axis, ...]) -> bool:
-        """Whether the stability of the mount, better known after a longer time, makes most of what truth leaves."""
-        return bool(axes) and all(_settles(self.budget, axis) for axis in axes)
-
-
-def _settles(budget: TruthUncertaintyBudget, axis: Axis) -> bool:
-    stability = math.hypot(*(term.of(axis) for term in budget.terms if term.name == STABILITY))
-    return stability**2 > budget.axes[axis.key].standard_arcsec ** 2 / 2
-
 
 @dataclass(frozen=True, slots=True)
 class ByBounds:
@@ -106,7 +96,6 @@ class ByBounds:
             self.figure(case.subject, case.statistics.duration_s),
             truth_uncertainty=case.truth_standard(self.truth),
             relative=case.relative,
-            settles=case.truth_settles(self.truth),
         )
 
     def times_left(self, row: Row, subject: SubjectStatistics) -> float:

@@ -30,7 +30,6 @@ FACTS = SessionFacts(
     START_NS,
     0.01,
     duration_s=1800.0,
-    drift_arcsec_per_h={"d_ra_cosde": 6.0, "d_de": -4.0, "d_roll": math.inf},
     own_stars_arcsec=0.2,
 )
 
@@ -77,7 +76,6 @@ KINDS = {
     "mount azimuth": ("arcsec", NORMAL),
     "mount altitude": ("arcsec", NORMAL),
     "mount roll": ("arcsec", NORMAL),
-    "mount stability": ("arcsec", RECTANGULAR),
     "clock": ("s", RECTANGULAR),
     "proper motion": ("arcsec per star", NORMAL),
     "parallax": ("arcsec per star", NORMAL),
@@ -88,7 +86,7 @@ KINDS = {
 
 def test_the_terms_of_a_stated_mount_have_their_units_and_distributions():
     assert {name: (term.unit, term.distribution) for name, term in stated().items()} == KINDS
-    assert {name for name, term in stated().items() if term.evidence.startswith("A")} == {"mount stability"}
+    assert not any(term.evidence.startswith("A") for term in stated().values())
     assert all(math.isinf(term.degrees_of_freedom) for term in stated().values())
     assert not any(term.absorbed for term in stated().values())
 
@@ -235,17 +233,6 @@ def test_what_the_tables_do_not_know_is_within_bounds_past_their_end():
     assert leap is None or turned(leap) == pytest.approx(15.041067 * leap.standard, rel=1e-4)
 
 
-@pytest.mark.parametrize(("alignment", "hours"), [(None, 0.25), (FIT, 0.5)], ids=["stated", "fitted"])
-def test_a_mount_drifts_from_when_it_was_fitted_or_about_the_middle_where_it_was_surveyed(alignment, hours):
-    drift = {"d_ra_cosde": 6.0, "d_de": 4.0, "d_roll": math.inf}
-    term = terms(replace(FACTS, alignment=alignment, drift_arcsec_per_h=drift))["mount stability"]
-    assert term.ra_arcsec == pytest.approx(6.0 * hours / math.sqrt(3))
-    assert term.de_arcsec == pytest.approx(4.0 * hours / math.sqrt(3))
-    assert term.roll_arcsec == 0.0
-    assert term.standard == pytest.approx(math.hypot(term.ra_arcsec, term.de_arcsec))
-    assert "over 0.50 h" in term.evidence
-
-
 def test_the_errors_of_a_fit_hang_together_as_its_covariance_says():
     """Two angles across with a covariance: the same as its trace, about any axes."""
     term = fitted()["fitted mount"]
@@ -280,7 +267,7 @@ def test_a_fit_has_the_freedom_of_its_means_over_twenty_seconds_or_of_the_frames
 
 def test_what_truth_does_not_correct_for_is_told_apart():
     """Of the sky all is corrected; where the mount was put, how the clock ran and what is left of stars is not."""
-    open_terms = {"deflection of the vertical", "mount stability", "clock", "proper motion", "parallax", "blends"}
+    open_terms = {"deflection of the vertical", "clock", "proper motion", "parallax", "blends"}
     angles = {"mount azimuth", "mount altitude", "mount roll"}
     assert {name for name, term in stated().items() if not term.corrected} == open_terms | angles
     assert {name for name, term in fitted().items() if not term.corrected} == open_terms
@@ -336,10 +323,7 @@ def test_a_leap_second_that_is_not_announced_may_be_one():
     assert "leap seconds" not in stated()
 
 
-def test_an_axis_without_a_drift_has_none_and_a_level_is_told_along_and_across():
-    still = terms(replace(FACTS, drift_arcsec_per_h={"d_ra_cosde": 6.0}))["mount stability"]
-    assert (still.de_arcsec, still.roll_arcsec) == (0.0, 0.0)
-    assert still.ra_arcsec == pytest.approx(6.0 / 4 / math.sqrt(3))
+def test_a_level_is_told_along_and_across():
     told = {angle: stated()[f"mount {angle}"].explanation for angle in ("azimuth", "altitude", "roll")}
     assert told == {
         "azimuth": "as surveyed", "altitude": "the level of the mount, along and across", "roll": "as surveyed"

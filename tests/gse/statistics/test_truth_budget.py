@@ -97,9 +97,9 @@ def test_a_clock_within_a_bound_is_off_by_the_bound_over_root_three():
 
 
 def test_what_no_model_takes_out_is_told_from_what_is_corrected():
-    still = terms(replace(FACTS, duration_s=60.0, drift_arcsec_per_h={"d_ra_cosde": 1.0}))
+    still = terms(replace(FACTS, duration_s=60.0))
     assert {name for name, term in still.items() if not term.corrected} == {
-        *("mount azimuth", "mount altitude", "mount roll", "mount stability", "clock"),
+        *("mount azimuth", "mount altitude", "mount roll", "clock"),
         *("deflection of the vertical", "parallax", "blends", "proper motion"),
     }
 
@@ -166,12 +166,6 @@ def test_a_fitted_mount_takes_up_what_is_constant_in_the_horizon_frame():
     assert (found["fitted mount"].ra_arcsec, found["fitted mount"].roll_arcsec) == pytest.approx((2.0, 20.0), abs=0.01)
     assert "clock" not in absorbed
     assert "mount azimuth" not in found
-
-
-def test_a_drift_of_the_mount_counts_over_the_session():
-    drift = {"d_ra_cosde": 0.0, "d_de": 12.0, "d_roll": math.nan}
-    term = terms(replace(FACTS, duration_s=7200.0, drift_arcsec_per_h=drift))["mount stability"]
-    assert (term.ra_arcsec, term.de_arcsec, term.roll_arcsec) == pytest.approx((0.0, 12.0 / math.sqrt(3), 0.0))
 
 
 def test_predictions_that_end_and_leap_seconds_that_are_not_announced_are_terms():
@@ -288,9 +282,8 @@ def test_without_earth_orientation_one_unknown_term_leaves_all_open():
 
 
 def test_a_session_without_frames_has_no_instant_and_no_length_and_sends_no_answers():
-    facts = session_facts(session(0), clock_error_s=0.5, drift_arcsec_per_h={"d_de": 1.0})
+    facts = session_facts(session(0), clock_error_s=0.5)
     assert (facts.utc_ns, facts.duration_s, facts.own_stars_arcsec) == (0, 0.0, 0.0)
-    assert facts.drift_arcsec_per_h == {"d_de": 1.0}
     assert facts.site is STATION.site
     assert facts.mount is STATION.mount
     assert facts.alignment is None
@@ -298,5 +291,5 @@ def test_a_session_without_frames_has_no_instant_and_no_length_and_sends_no_answ
 
 def test_facts_that_are_not_given_are_those_of_a_usual_link_and_a_short_session():
     assert (FACTS.baudrate, FACTS.duration_s, FACTS.own_stars_arcsec) == (115_200, 0.0, 0.0)
-    assert FACTS.alignment is FACTS.drift_arcsec_per_h is None
+    assert FACTS.alignment is None
     assert FACTS.stars.stars == 10.0

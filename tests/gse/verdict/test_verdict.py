@@ -22,7 +22,6 @@ from gse.station.own_answers import own_truth, sensor_answers
 from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.axis_statistics import axis_statistics
-from gse.statistics.budget_terms import STABILITY
 from gse.statistics.clock_health import clock_health, stated_error_s
 from gse.statistics.decision import Outcome, Row, share_of
 from gse.statistics.sampling import Bounds
@@ -32,7 +31,7 @@ from gse.statistics.subject_statistics import about_circular_mean
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.statistics.uncertainty import Term, combined
 from gse.truth import Alignment, EarthOrientation
-from gse.values.axis import AXES, D_DE, D_RA_COSDE, ON_SKY
+from gse.values.axis import AXES
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.limits import Limits
 from gse.values.mount import Mount, MountUncertainty
@@ -159,18 +158,6 @@ def test_all_frames_excluded_is_inconclusive():
 
 def term(name, ra_arcsec, de_arcsec):
     return Term(name, 1.0, "arcsec", ra_arcsec, de_arcsec, 0.0, "B", "", "")
-
-
-@pytest.mark.parametrize(("drift_arcsec", "settles"), [(2.99, False), (3.01, True)])
-def test_a_longer_session_helps_where_the_drift_of_the_mount_is_more_than_half_of_the_variance_of_truth(
-    drift_arcsec, settles
-):
-    terms = term(STABILITY, 0.1, drift_arcsec), term("clock", 9.0, 3.0)
-    axes = {axis.key: combined(terms, axis) for axis in ON_SKY}
-    budget = TruthUncertaintyBudget(terms, axes, axes)
-    case = Case(None, None, budget, Limits(), relative=False)
-    assert case.truth_settles((D_DE,)) is settles
-    assert not case.truth_settles((D_RA_COSDE,))
 
 
 def test_truth_leaves_a_boresight_open_on_both_of_its_axes():
@@ -545,17 +532,6 @@ def test_a_pass_of_what_is_left_of_a_session_says_so():
     made = aligned(STATION.mount)
     made.truncated = True
     assert judge(made).word == "PASS, relative, damaged session"
-
-
-def test_the_mount_may_have_moved_by_the_greater_end_of_the_drift_over_half_the_session():
-    """From the middle on, evenly: the half-width over the root of three."""
-    assessment = judge(session(300, step_s=2.0, drift_per_h=(300.0, -200.0)))
-    (term,) = [term for term in assessment.budget.terms if term.name == STABILITY]
-    hours = assessment.statistics.duration_s / 3600
-    for axis, found in (("d_ra_cosde", term.ra_arcsec), ("d_de", term.de_arcsec), ("d_roll", term.roll_arcsec)):
-        drift = assessment.statistics.onboard.axes[axis]
-        greater = max(abs(drift.drift_low_arcsec_per_h), abs(drift.drift_high_arcsec_per_h))
-        assert found == pytest.approx(greater * hours / 2 / math.sqrt(3))
 
 
 def test_rows_of_own_answers_have_the_truth_of_own_answers():
