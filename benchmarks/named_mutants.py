@@ -43,7 +43,7 @@ _OF_VALUE = "(share.value, share.value)"
 
 NAMED = (
     Named("never FALSE", _FRAMES, "_RAD, _CORRECT, _FALSE)", "_RAD, _CORRECT, _CORRECT)", _TO_FRAMES),
-    Named("FALSE from 5 deg on", _FRAMES, "= SAME_BORESIGHT_ARCSEC *", "= 100 * SAME_BORESIGHT_ARCSEC *", _TO_FRAMES),
+    Named("FALSE from 5 deg on", _FRAMES, "(separation_rad < self", "(separation_rad < 100 * self", _TO_FRAMES),
     Named("time never fails", "gse/verdict/requirements.py", "limit=SLOW_SHARE", "limit=1.0", _TO_VERDICT),
     Named(
         "FAIL though truth may be it", _GUARD, "guard(value - lower, truth_standard)", "(value - lower)", _TO_DECISION
@@ -77,10 +77,10 @@ NAMED = (
     ),
     Named("mount gate x 10", "gse/truth/alignment.py", "<= _REJECT_SIGMA *", "<= 10 * _REJECT_SIGMA *", _TO_ALIGNMENT),
     Named(
-        "outlier gate x 10",
+        "another sky from 10 deg on",
         "gse/statistics/counted_frames.py",
-        "OUTLIER_ARCSEC = 1800.0",
-        "OUTLIER_ARCSEC = 18000.0",
+        "OTHER_SKY_ARCSEC = 3600.0",
+        "OTHER_SKY_ARCSEC = 36000.0",
         "tests/gse/statistics/test_counted_frames.py",
     ),
     Named("limit: keeps <", _GUARD, "truth_standard) <= limit", "truth_standard) < limit", _TO_DECISION),

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.session_data import SessionData
-from gse.statistics.counted_frames import false_answers
 from gse.truth import time_blocks
 from gse.values.axis import ON_SKY
 from gse.values.star_influence import (
@@ -47,10 +46,10 @@ class FieldContent:
     bias_error_arcsec: float
 
 
-def field_content(session: SessionData) -> dict[str, FieldContent]:
-    """By the key of each of ON_SKY; empty where the matches are of too few stars."""
+def field_content(session: SessionData, false: NDArray[np.bool_]) -> dict[str, FieldContent]:
+    """By the key of each of ON_SKY, without ``false`` answers (M,); empty where the matches are of too few stars."""
     frames, matches = session.frames.columns, session.frames.matches
-    good = np.isfinite(frames["roll_true_deg"]) & ~false_answers(frames)
+    good = np.isfinite(frames["roll_true_deg"]) & ~false
     matches = matches.compress(good[matches["frame"]] & matches["named"])
     stars = matches["star"]
     if len(np.unique(stars)) < MIN_STARS:

@@ -11,7 +11,6 @@ from gse.diagnosis.misplaced_stars import STARS_FALL_OUT
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.frame_columns import Columns
-from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.own_answers import OwnAnswerTruth, SensorAnswers, field_of, own_truth
 from gse.station.session_data import SessionData
 from gse.statistics.onboard_equivalence import OnboardEquivalence, answer_differences
@@ -249,7 +248,7 @@ def _noisy(session: SessionData, own: SensorAnswers, explained_arcsec: float) ->
     if len(both) < _FEWEST:
         return
     off = offsets_arcsec[both] - np.median(offsets_arcsec[both], axis=0)
-    both = both[np.hypot(*off.T) <= SAME_BORESIGHT_ARCSEC]
+    both = both[np.hypot(*off.T) <= session.station.limits.false_beyond_arcsec]
     if len(both) < _FEWEST:
         return
     names = ("cross_x_arcsec", "cross_y_arcsec")

@@ -35,11 +35,12 @@ from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
 from gse.values.attitude import solve_attitude
 from gse.values.constants import ARCSEC_RAD
+from gse.values.limits import Limits
 from gse.values.matrices import product
 from gse.values.panorama import Panorama
 from gse.values.spiral import spiral_directions
 
-RIGHT_DEG, COARSE_DEG = 0.05, 0.5
+RIGHT_DEG, COARSE_DEG = Limits().false_beyond_arcsec / 3600, 0.5
 
 FAINTER = 0.9
 """The catalogue of ``robust`` reaches so far beyond the sensor's limit."""

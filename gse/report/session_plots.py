@@ -9,8 +9,7 @@ from gse.report.svg import Draw, svgs_of
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_sky_condition, draw_timelines
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
-from gse.statistics.sensor_convention import is_wrong
-from gse.statistics.session_statistics import Statistics, sensor_masks
+from gse.statistics.session_statistics import Statistics
 
 _PLOTS_OF_SUBJECT = (
     ("errors", 4.0, draw_errors),
@@ -50,8 +49,6 @@ def session_plots(session: SessionData, stats: Statistics, *, times_recorded: bo
 def _plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:
     """What each subject's plots are drawn from, that of the frame table first."""
     found = [PlotData.from_session(session, stats.counted)]
-    if stats.own is not None:
-        _, used = sensor_masks(stats.own, session.frames.columns, stats.counted)
-        used &= not is_wrong(stats.convention, session.station.sensor.attitude)
-        found.append(PlotData.of_sensor(session, stats.own, used, stats.counted))
+    if stats.own is not None and stats.own_counted is not None:
+        found.append(PlotData.of_sensor(session, stats.own, stats.own_counted.used, stats.counted))
     return found

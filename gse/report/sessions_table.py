@@ -142,7 +142,17 @@ def _mount(session: SessionData | None) -> Iterator[TableCell]:
 
 # Figures of a session as columns: statistics of each subject, and the truth uncertainty.
 
-_BY_KEY = ("statuses", "answer_checks", "subjects", "spatial", "exclusions", "counted", "own", "arrival_ms")
+_BY_KEY = (
+    "statuses",
+    "answer_checks",
+    "subjects",
+    "spatial",
+    "exclusions",
+    "counted",
+    "own",
+    "own_counted",
+    "arrival_ms",
+)
 """Fields of Statistics that are not plain values: they have columns of their own."""
 
 

@@ -143,6 +143,8 @@ COLUMNS = (
     Column("ra_deg", "f8", "right ascension that is answered for the boresight, in ICRS", of_answer=True),
     Column("de_deg", "f8", "declination that is answered for the boresight, in ICRS", of_answer=True),
     Column("roll_deg", "f8", "position angle of image up that is answered, from north through east", of_answer=True),
+    Column("ra_reference_deg", "f8", "right ascension of the boresight by the reference identifier, in ICRS"),
+    Column("de_reference_deg", "f8", "declination of the boresight by the reference identifier, in ICRS"),
     Column("ra_true_deg", "f8", "right ascension of where the mount looked"),
     Column("de_true_deg", "f8", "declination of where the mount looked"),
     Column("roll_true_deg", "f8", "position angle of image up where the mount looked"),

@@ -1,7 +1,7 @@
 """Stretches of a session that its statistics leave out, each with its cause.
 
-The sky, the link and the clock may be a cause, the answers never: a false star identification counts whatever the time
-of its frame.
+The sky, the link, the clock and the mount may be a cause, the answers never: a false star identification counts
+whatever the time of its frame.
 """
 
 from collections.abc import Iterable, Iterator
@@ -29,7 +29,12 @@ _LATE_NS = 20_000_000
 _AT_ONCE = 0.5
 """Frames out of a buffer follow each other within this share of the usual time between frames."""
 
-_EXAMPLE = "expected for example 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds"
+_EXAMPLE = (
+    "expected for example 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds, or ..Z=mount: kicked where the mount was "
+    "touched"
+)
+_OF_MOUNT = "mount:"
+"""With this begins the reason of a stretch whose answers are taken out; any other excuses answers that are absent."""
 
 
 class Cause(StrEnum):
@@ -41,6 +46,8 @@ class Cause(StrEnum):
     NO_OBJECTS = "no objects"
     OPERATOR = "operator"
     SCENE_CHANGE = "scene change"
+    MOUNT = "mount"
+    """It was touched: nobody knows where it looked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +162,18 @@ def scene_changes(sky: ShownSky, frames: Columns) -> Iterator[Exclusion]:
 
 
 def parse_exclusion(text: str) -> Exclusion:
-    """The stretch that an operator writes: FROM/TO or FROM/TO=why, with UTC instants; UsageError shows an example."""
+    """The stretch that an operator writes: FROM/TO, FROM/TO=why or FROM/TO=mount: why, with UTC instants.
+
+    UsageError shows an example.
+    """
     stretch, _, reason = text.partition("=")
     begin, _, end = stretch.partition("/")
     reason = reason.strip() or "left out by the operator"
+    cause = Cause.MOUNT if reason.startswith(_OF_MOUNT) else Cause.OPERATOR
+    if cause is Cause.MOUNT:
+        reason = reason.removeprefix(_OF_MOUNT).strip() or "the mount was touched"
     try:
-        stated = Exclusion(from_text(begin), from_text(end), reason, Cause.OPERATOR)
+        stated = Exclusion(from_text(begin), from_text(end), reason, cause)
     except ValueError:
         raise UsageError(f"{text!r} is not a stretch to leave out; {_EXAMPLE}") from None
     if stated.until_ns <= stated.from_ns:

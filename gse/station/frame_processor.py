@@ -27,9 +27,10 @@ from gse.truth import SiderealTruth
 from gse.values.attitude import Attitude, Attitudes, paper_mean, solve_attitude, solve_attitudes
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD
+from gse.values.limits import Limits
 from gse.values.matrices import product
 from gse.values.mount import Mount
-from gse.values.panorama import MAX_OBJECTS, Panorama, Panoramas
+from gse.values.panorama import MAX_OBJECTS, Panorama, Panoramas, Parts
 
 # What an external identifier gave, as answers of the station, and compared with truth.
 #
@@ -171,10 +172,10 @@ def _no_answer(answer: ExternalAnswer) -> str:
 CENTROID_SIGMA_PX = 0.3
 """Position noise of a whole-pixel object, 1 / sqrt(12) px, for the covariance of an attitude."""
 
-SAME_BORESIGHT_ARCSEC = 180.0
-_SAME_BORESIGHT_RAD = SAME_BORESIGHT_ARCSEC * ARCSEC_RAD
-"""The answer under test is correct when its boresight is within this of the reference identifier's."""
-
+_SAME_STAR_PX = 2.0
+"""Catalogues place a star, or the middle of a double one, within this; two stars that a sensor tells apart are not."""
+_MOST_OTHERS = 0.5
+"""An answer of which more than this share of the stars are others than the reference identifier's is false."""
 _MOST_BY_AIR_RAD = 1800.0 * ARCSEC_RAD
 _TIMES_PARTED = 3.0
 """Standard deviations of the lift of the objects of a panorama: a few stars may all be high, or all low."""
@@ -204,6 +205,7 @@ class FrameProcessor:
     mount: Mount | None
     paper_mean: bool = False
     left_out: LeftOutStars | None = None
+    false_arcsec: float = Limits().false_beyond_arcsec
 
     def identify(self, panoramas: Panoramas) -> Identified:
         """The part that depends on each panorama alone."""
@@ -220,7 +222,7 @@ class FrameProcessor:
             took_us = (time.thread_time_ns() - started_ns) / 1000
             elapsed_us = np.where(sound, round(took_us / max(len(panoramas) - len(faults), 1), 1), np.nan)
         true_stars = answered(objects, faults, self.reference.identify_many) if self.reference else None
-        checks, separation_rad = self._checks(attitudes, objects, true_stars)
+        checks, separation_rad, reference_icrs = self._checks(answers, attitudes, objects, true_stars)
         return Identified(
             objects.directions_sensor,
             sound,
@@ -228,6 +230,7 @@ class FrameProcessor:
             attitudes,
             checks,
             separation_rad,
+            reference_icrs,
             self._light(objects, answers, true_stars),
             elapsed_us,
             given,
@@ -261,6 +264,7 @@ class FrameProcessor:
             compared.errors_arcsec,
             compared.has_roll,
             identified.answer_check,
+            identified.reference_icrs,
             others,
             identified.light,
             compared.left_out,
@@ -376,21 +380,48 @@ class FrameProcessor:
         return light
 
     def _checks(
-        self, attitudes: Attitudes, objects: ObjectColumns, true_stars: Answers | None
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-        """The check (K,) of each answer's attitude by the stars that the reference identifier found; how far apart."""
+        self, answers: Answers, attitudes: Attitudes, objects: ObjectColumns, true_stars: Answers | None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
+        """The check (K,) of each answer by the stars that the reference identifier found.
+
+        With how far apart (K,) the two boresights are (infinite where the stars of the answer are others), and the
+        reference identifier's boresight (K, 3).
+        """
         checks, all_separations_rad = np.full(len(objects), _UNKNOWN, dtype=np.uint8), np.full(len(objects), np.nan)
+        reference_icrs = np.full((len(objects), 3), np.nan)
         if true_stars is None:
-            return checks, all_separations_rad
+            return checks, all_separations_rad, reference_icrs
         assert self.reference is not None
         known = true_stars.named
         measured = objects.directions_sensor.take(rows_of(objects.parts, true_stars), axis=0)
         stars_icrs = self.reference.catalog.icrs.take(true_stars.stars, axis=0)
         looking = solve_attitudes(measured, stars_icrs, true_stars.parts.first[1:][known], 1e-4)
         separation_rad = np.linalg.norm(attitudes.boresights_icrs[known] - looking.boresights_icrs, axis=1)
-        same = np.where(separation_rad < _SAME_BORESIGHT_RAD, _CORRECT, _FALSE)
+        separation_rad[self._names_others(answers, objects.parts, true_stars)[known]] = np.inf
+        same = np.where(separation_rad < self.false_arcsec * ARCSEC_RAD, _CORRECT, _FALSE)
         checks[known], all_separations_rad[known] = np.where(np.isnan(separation_rad), _ABSENT, same), separation_rad
-        return checks, all_separations_rad
+        reference_icrs[known] = looking.boresights_icrs
+        return checks, all_separations_rad, reference_icrs
+
+    def _names_others(self, answers: Answers, parts: Parts, true_stars: Answers) -> NDArray[np.bool_]:
+        """Which answers (K,) name mostly other stars than the reference identifier, of the objects that both name.
+
+        Other stars have other numbers and another place: catalogues number the parts of a double star each in its way.
+        """
+        assert self.reference is not None
+        mine, theirs = self.identifier.catalog, self.reference.catalog
+        star_of = np.full(int(parts.first[-1]), -1)
+        star_of[rows_of(parts, true_stars)] = true_stars.stars
+        true = star_of[rows_of(parts, answers)]
+        both = true >= 0
+        stars, true = answers.stars[both], true[both]
+        apart_rad = np.linalg.norm(mine.icrs.take(stars, axis=0) - theirs.icrs.take(true, axis=0), axis=1)
+        is_other = apart_rad > _SAME_STAR_PX * self.camera.pixel_rad
+        if mine.designation == theirs.designation:
+            is_other &= mine.ids[stars] != theirs.ids[true]
+        frame, count = answers.parts.of_row[both], len(parts)
+        others = np.bincount(frame[is_other], minlength=count)
+        return np.asarray(others > _MOST_OTHERS * np.bincount(frame, minlength=count))
 
     def _checks_under_air(self, panoramas: Panoramas, identified: Identified) -> NDArray[np.uint8]:
         """The checks with what air makes of the boresights of other stars: in a low field it lifts each by another."""
@@ -404,7 +435,7 @@ class FrameProcessor:
             ((_, _, up),) = self.truth.icrs_to_horizon_at(panoramas.utc_ns[[k]])
             lifted = stars - self.truth.unrefracted(stars, product(identified.attitudes.icrs_to_sensor[k], up))
             by_air_rad = _TIMES_PARTED * float(np.sqrt(lifted.var(axis=0).sum()))
-            if identified.separation_rad[k] < _SAME_BORESIGHT_RAD + by_air_rad:
+            if identified.separation_rad[k] < self.false_arcsec * ARCSEC_RAD + by_air_rad:
                 checks[k] = _CORRECT
         return checks
 

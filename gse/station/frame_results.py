@@ -124,7 +124,8 @@ class FrameResults(Sequence[FrameResult]):
     ``status`` and ``answer_check`` (K,) are places in STATUSES and ANSWER_CHECKS, ``details`` the details that are not
     empty. The matches of ``answers`` have residuals (M, 2). ``errors_arcsec`` (K, 5) are the fields of AttitudeError,
     NaN where there is none, as ``elapsed_us`` (K,); a panorama may have an answer without a roll (``has_roll`` (K,)).
-    ``given`` is what an external identifier gave.
+    ``reference_icrs`` (K, 3) is the boresight by the reference identifier, NaN where it has none, and ``given`` what
+    an external identifier gave.
     """
 
     panoramas: Panoramas
@@ -141,6 +142,7 @@ class FrameResults(Sequence[FrameResult]):
     errors_arcsec: NDArray[np.float64]
     has_roll: NDArray[np.bool_]
     answer_check: NDArray[np.uint8]
+    reference_icrs: NDArray[np.float64]
     others: Others
     light: Starlight
     left_out: Matches
@@ -175,6 +177,7 @@ class FrameResults(Sequence[FrameResult]):
             self.errors_arcsec[each],
             self.has_roll[each],
             self.answer_check[each],
+            self.reference_icrs[each],
             self.others.part(begin, end),
             self.light.part(begin, end),
             self.left_out.part(begin, end),
@@ -204,6 +207,9 @@ class FrameResults(Sequence[FrameResult]):
         answered[~self.has_roll, 2] = np.nan
         for axis, name in enumerate(("ra", "de", "roll")):
             rows[f"{name}_deg"], rows[f"{name}_true_deg"] = answered[:, axis], true[:, axis]
+        x, y, z = self.reference_icrs.T
+        rows["ra_reference_deg"] = np.degrees(np.arctan2(y, x)) % 360
+        rows["de_reference_deg"] = np.degrees(np.arctan2(z, np.hypot(x, y)))
         for name, values in zip(ERRORS, self.errors_arcsec.T, strict=True):
             rows[name] = values
         return rows

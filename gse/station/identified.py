@@ -19,8 +19,9 @@ class Identified:
     ``directions_sensor`` (M, 3) are of all objects; a panorama that is not ``sound`` (K,) was shown to no identifier.
     ``elapsed_us`` (K,) is the time from objects to RA and DE: this host's processor time (of panoramas that waited
     together, the mean), or what an external identifier took; NaN where nothing was asked. ``given`` is what an
-    external identifier gave, ``light`` what the named stars show of the sky. ``separation_rad`` (K,) is how far the
-    boresight of an answer lies from the reference identifier's, NaN where one of them is missing.
+    external identifier gave, ``light`` what the named stars show of the sky. ``reference_icrs`` (K, 3) is the
+    boresight by the reference identifier, ``separation_rad`` (K,) how far that of an answer lies from it; NaN where
+    one of them is missing, and infinite where the stars of the answer are others.
     """
 
     directions_sensor: NDArray[np.float64]
@@ -29,6 +30,7 @@ class Identified:
     attitudes: Attitudes
     answer_check: NDArray[np.uint8]
     separation_rad: NDArray[np.float64]
+    reference_icrs: NDArray[np.float64]
     light: Starlight
     elapsed_us: NDArray[np.float64]
     given: Mapping[int, Given] = field(default_factory=dict)

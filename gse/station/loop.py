@@ -271,6 +271,7 @@ class StationLoop:
             mount=mount,
             paper_mean=station.identifier.attitude == "paper-mean",
             left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
+            false_arcsec=station.limits.false_beyond_arcsec,
         )
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude, station.sensor.camera())
         baudrate = station.port.baudrate

@@ -397,6 +397,7 @@ class OwnAnswerProcessor:
             errors_arcsec,
             np.array([True]),
             np.array([ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)], dtype=np.uint8),
+            np.full((1, 3), np.nan),
             Others.none(1),
             Starlight.none(1),
             Matches.none(1),

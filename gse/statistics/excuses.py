@@ -2,8 +2,10 @@
 
 LEFT_OUT are stretches whose frames do not count, found before anything is judged. EXCUSES turn a row that FAILs into
 INCONCLUSIVE: the first one that sees its reason adds it in words. Each entry names what it may excuse, by what a FAIL
-claims of the sensor (Claim); all else it never touches, and no entry makes a row PASS. No stretch excuses FALSEHOOD: a
-star is identified without knowing the time, so an answer of other stars is wrong whenever it came.
+claims of the sensor (Claim); all else it never touches, and no entry makes a row PASS. The sky excuses an answer that
+is absent, never one that was given: only an unknown time, or a mount that was touched, takes answers out of the
+accuracy. No stretch excuses FALSEHOOD: a star is identified without knowing the time, so an answer of other stars is
+wrong whenever it came.
 
 What only stands in the way of PASS, though no row fails, is in gse.verdict.obstacles. A finding that is none of
 these excuses nothing.
@@ -290,15 +292,17 @@ def lost_while_not_run(session: SessionData) -> int:
 # The table
 
 _ACCURACY = (Claim.ACCURACY,)
+_ABSENCE = (Claim.ABSENCE,)
 _ANY = (Claim.ACCURACY, Claim.ABSENCE)
 
 LEFT_OUT = (
     LeftOut(Cause.CLOCK_STEP, _clock_and_link, _ACCURACY, "the host's clock was set, so that its time is not known"),
     LeftOut(Cause.BACKLOG, _clock_and_link, _ACCURACY, "it waited in a buffer, so that its time is not known"),
-    LeftOut(Cause.NO_SKY, _without_sky, _ANY, "daylight, or cloud that other frames show too"),
-    LeftOut(Cause.NO_OBJECTS, _without_sky, _ANY, "its panoramas are empty: a cap, a cover, an overcast sky"),
+    LeftOut(Cause.NO_SKY, _without_sky, _ABSENCE, "daylight, or cloud that other frames show too"),
+    LeftOut(Cause.NO_OBJECTS, _without_sky, _ABSENCE, "its panoramas are empty: a cap, a cover, an overcast sky"),
     LeftOut(Cause.SCENE_CHANGE, _between_scenes, tuple(Claim), "it was exposed while the screen changed its scene"),
-    LeftOut(Cause.OPERATOR, _stated, _ANY, "left out by the operator, who says why"),
+    LeftOut(Cause.OPERATOR, _stated, _ABSENCE, "left out by the operator, who says why"),
+    LeftOut(Cause.MOUNT, _stated, _ANY, "the mount was touched, as the operator says, so that truth is not known"),
 )
 
 LOST_STATION = Excuse(

@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 from gse.station.clock_steps import instants_ns
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Exclusion, excluded
-from gse.station.frame_columns import Columns
-from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.frame_table import thinned, xy_px_of
 from gse.station.own_answers import SensorAnswers, sensor_answers
-from gse.station.results import AnswerCheck, Status, Subject
+from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.clock_health import ClockHealth, clock_health
-from gse.statistics.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames, explained_arcsec
-from gse.statistics.onboard_equivalence import OnboardEquivalence, answer_differences, equivalence
+from gse.statistics.counted_frames import CountedFrames, counted_frames, own_counted
+from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.statistics.sampling import Percentiles
 from gse.statistics.sensor_convention import ConventionSearch, is_wrong, session_convention
 from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
@@ -33,8 +31,8 @@ class Statistics:
 
     ``frames_expected`` are those received and not excused, and those that the sequence numbers miss. ``onboard`` is
     there where panoramas came, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
-    ``own`` are the sensor's answers beside panoramas, ``convention`` what its answers show of their convention: where
-    another one is stated, no error of theirs is computed. ``spatial``
+    ``own`` are the sensor's answers beside panoramas, which ``own_counted`` counts, ``convention`` what its answers
+    show of their convention: where another one is stated, no error of theirs is computed. ``spatial``
     are the errors of single stars along columns and rows, None of too few stars.
     """
 
@@ -51,7 +49,13 @@ class Statistics:
     exclusions: tuple[tuple[Exclusion, int], ...]
     counted: CountedFrames
     own: SensorAnswers | None = None
+    own_counted: CountedFrames | None = None
     convention: ConventionSearch | None = None
+
+    @property
+    def counts_any(self) -> bool:
+        """Whether there is a frame whose time is known and that must have an answer."""
+        return bool((self.counted.expected & ~self.counted.excluded).any())
 
     @property
     def onboard(self) -> SubjectStatistics:
@@ -69,14 +73,17 @@ def statistics(session: SessionData) -> Statistics:
     lost = session.panoramas_lost
     convention = session_convention(session) if len(session.sensor_attitudes) else None
     unreadable = is_wrong(convention, session.station.sensor.attitude)
-    answers = _of_frames(session, counted)
     if session.subject is Subject.SENSOR and unreadable:
-        answers = answers.uncompared()
+        counted = counted.uncompared()
+    answers = _of_frames(session, counted)
     subjects = {session.subject: subject_statistics(session.subject, frames, answers, lost, limit_ms, field_rad)}
     own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
+    counted_own = None
     if own is not None:
-        answers = _sensor(own, frames, counted)
-        answers = answers.uncompared() if unreadable else answers
+        counted_own = own_counted(session, own, counted)
+        if unreadable:
+            counted_own = counted_own.uncompared()
+        answers = _sensor(own, counted_own)
         subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
     if session.station.mount.inertial is not None:
         subjects = {name: replace(subject, earth_rate=NO_EARTH_RATE) for name, subject in subjects.items()}
@@ -94,6 +101,7 @@ def statistics(session: SessionData) -> Statistics:
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
         own=own,
+        own_counted=counted_own,
         convention=convention,
     )
 
@@ -112,51 +120,17 @@ def _of_frames(session: SessionData, counted: CountedFrames) -> SubjectAnswers:
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
     return SubjectAnswers(
         columns,
-        counted.expected,
-        ~counted.excluded,
-        counted.answered,
-        counted.false,
-        counted.used,
+        counted,
         frames["elapsed_us"] / 1e3,
         np.where(frames["host_utc_ns"] > 0, (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6, np.nan),
         session.subject is Subject.SENSOR or 0 < given.answers == given.own_times,
     )
 
 
-def _sensor(own: SensorAnswers, frames: Columns, counted: CountedFrames) -> SubjectAnswers:
+def _sensor(own: SensorAnswers, counted: CountedFrames) -> SubjectAnswers:
     columns = {axis.column: getattr(own, axis.column) for axis in ALL_AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
-    false, used = sensor_masks(own, frames, counted)
-    masks = counted.expected, ~counted.excluded, own.acquired, false, used
-    return SubjectAnswers(columns, *masks, own.latency_ms, own.arrival_ms, time_is_stated=True)
-
-
-def sensor_masks(
-    own: SensorAnswers, frames: Columns, counted: CountedFrames
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which answers (M,) of the sensor beside panoramas are false, and which enter its accuracy.
-
-    False is an answer far from the median of all; or one that lies further from the answer to the same panorama here
-    than two answers of the same stars do, the usual separation aside, where the reference identifier confirms that.
-    An answer that lies with a confirmed one is right however far from the median it is, as after a kick to the mount,
-    unless the time of its stretch is uncertain: it is then false beyond what that explains, as answers here are.
-    """
-    known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
-    false = np.zeros(len(known), dtype=bool)
-    within_arcsec = explained_arcsec(frames, counted.exclusions)
-    if known.any():
-        x, y = own.cross_x_arcsec, own.cross_y_arcsec
-        separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
-        false = own.acquired & (separation_arcsec > within_arcsec)
-    offsets_arcsec = answer_differences(own, frames)
-    correct = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)
-    confirmed = np.isfinite(offsets_arcsec[:, 0]) & correct
-    if confirmed.any():
-        off = offsets_arcsec - np.median(offsets_arcsec[confirmed], axis=0)
-        elsewhere = np.hypot(*off.T) > SAME_BORESIGHT_ARCSEC
-        false &= ~confirmed | elsewhere | (within_arcsec > OUTLIER_ARCSEC)
-        false |= confirmed & elsewhere
-    return false, known & ~false
+    return SubjectAnswers(columns, counted, own.latency_ms, own.arrival_ms, time_is_stated=True)
 
 
 def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:

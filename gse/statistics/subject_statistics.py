@@ -6,7 +6,7 @@ Accuracy is taken over the frames that were answered, not falsely, and that are 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import AxisStatistics, axis_statistics
+from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.decision import Figure, Share, share_of
 from gse.statistics.sampling import Percentiles, effective_number, percentiles
 from gse.values.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, OF_SENSOR, Axis
@@ -138,7 +139,7 @@ NO_EARTH_RATE = EarthRate(_NAN, _NAN, _NAN)
 class SubjectStatistics:
     """All statistics of one subject's answers.
 
-    ``available`` is answered and not false, of the expected frames; ``false_answers`` is of the answered frames, on as
+    ``available`` is answered and not false, of the expected frames; ``false_answers`` is of the judged answers, on as
     many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
     ``time_ms`` is the identification time of this host for the onboard subject, and where ``time_is_stated`` the
     processing time that the sensor or an external identifier states by its own clock; ``slow`` the share of frames over
@@ -171,23 +172,14 @@ class SubjectStatistics:
 class SubjectAnswers:
     """One subject's answers as columns (M,) in the order of the frame table, whatever their source.
 
-    ``timed`` frames have a certain time. ``time_is_stated`` as in SubjectStatistics.
+    ``counted`` says which of them count. ``time_is_stated`` as in SubjectStatistics.
     """
 
     columns: dict[str, NDArray[np.float64]]
-    expected: NDArray[np.bool_]
-    timed: NDArray[np.bool_]
-    answered: NDArray[np.bool_]
-    false: NDArray[np.bool_]
-    used: NDArray[np.bool_]
+    counted: CountedFrames
     time_ms: NDArray[np.float64]
     arrival_ms: NDArray[np.float64]
     time_is_stated: bool
-
-    def uncompared(self) -> "SubjectAnswers":
-        """The same where the convention is not known: there are no errors, and none is called false."""
-        nothing = np.zeros(len(self.used), dtype=bool)
-        return replace(self, false=nothing, used=nothing)
 
 
 def subject_statistics(
@@ -199,7 +191,8 @@ def subject_statistics(
     field_rad: float,
 ) -> SubjectStatistics:
     """Columns are taken one at a time: a selection of the rows of eight hours at 10 Hz is a copy of 40 MB."""
-    used = np.flatnonzero(answers.used)
+    counted = answers.counted
+    used = np.flatnonzero(counted.used)
     used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
     used_ns = frames["utc_ns"][used]
 
@@ -208,14 +201,14 @@ def subject_statistics(
         return about_circular_mean(selected) if axis.wraps else selected
 
     axes = {axis.key: _axis(used_ns, errors(axis)) for axis in ALL_AXES}
-    good = answers.answered & ~answers.false
-    counts = answers.expected | answers.false
-    kept_ns = frames["utc_ns"][answers.timed]
+    good = counted.answered & ~counted.false
+    timed_frames = ~counted.excluded
+    kept_ns = frames["utc_ns"][timed_frames]
     timed = answers.time_ms[np.isfinite(answers.time_ms)]
     return SubjectStatistics(
         subject=subject,
-        available=available_share(good[answers.expected], missing=frames_lost),
-        false_answers=_share(answers.false[counts & answers.answered]),
+        available=available_share(good[counted.expected], missing=frames_lost),
+        false_answers=_share(counted.false[counted.judged]),
         star_fields=_star_fields(answers.columns["ra_deg"][used], answers.columns["de_deg"][used], field_rad),
         axes=axes,
         half_cone_95=axis_statistics(used_ns, np.hypot(errors(CROSS_X), errors(CROSS_Y))),
@@ -226,10 +219,10 @@ def subject_statistics(
         time_is_stated=answers.time_is_stated,
         slow=_share(timed > limit_ms),
         arrival_ms=percentiles(answers.arrival_ms[np.isfinite(answers.arrival_ms)]),
-        acquisition_s=_acquisition_s(kept_ns, good[answers.timed]),
-        outage_s=_outage_s(kept_ns, good[answers.timed]),
+        acquisition_s=_acquisition_s(kept_ns, good[timed_frames]),
+        outage_s=_outage_s(kept_ns, good[timed_frames]),
         thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
-        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.timed], good[answers.timed]),
+        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][timed_frames], good[timed_frames]),
     )
 
 

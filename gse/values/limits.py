@@ -10,6 +10,9 @@ from gse.values.axis import Axis
 
 Arcsec = Annotated[float, Interval(gt=0, le=648_000)]
 """Up to half a turn: a limit that nothing exceeds tests nothing."""
+_HALF_TURN_ARCSEC = 648_000.0
+_TIMES_LIMIT = 3.0
+"""Noise that keeps a limit leaves it by a factor of three in one answer of some thousands."""
 
 
 class Decision(StrEnum):
@@ -24,6 +27,7 @@ class Limits:
     """The limits that a session is judged against; mean errors and time are those of the LAPAN paper.
 
     ``boresight_arcsec`` is for the half-cone that holds 95 % of the boresights, and None where nothing is asked of it.
+    ``false_arcsec`` is how far a false answer lies off: three times the larger limit on the sky where it is not stated.
     """
 
     d_ra_cosde_arcsec: Arcsec = 60.0
@@ -32,6 +36,7 @@ class Limits:
     boresight_arcsec: Arcsec | None = None
     identification_ms: Annotated[float, Interval(gt=0, le=3_600_000)] = 200.0
     availability: Annotated[float, Interval(gt=0, le=1)] = 0.95
+    false_arcsec: Arcsec | None = None
     false_share: Annotated[float, Interval(gt=0, lt=1)] = 0.01
     decision: Decision = Decision.GUARDED
 
@@ -39,3 +44,10 @@ class Limits:
         """The limit of the errors along an axis on the sky."""
         limit: float = getattr(self, axis.column)
         return limit
+
+    @property
+    def false_beyond_arcsec(self) -> float:
+        """How far a boresight may lie from the right one before the answer is false."""
+        if self.false_arcsec is not None:
+            return self.false_arcsec
+        return min(_TIMES_LIMIT * max(self.d_ra_cosde_arcsec, self.d_de_arcsec), _HALF_TURN_ARCSEC)

@@ -16,6 +16,7 @@ from gse.diagnosis.diagnosis import findings
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.diagnosis.set_up_mistake import lost_station, mistake_of, set_up_mistake
+from gse.external.identifier import ExternalCounts
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Outcome, Row
@@ -111,7 +112,10 @@ def judge(session: SessionData) -> Assessment:
         stats,
         budget,
         found,
-        tuple(_not_tested(stats, rows, session.station, relative, len(session.sensor_attitudes))),
+        (
+            *_not_tested(stats, rows, session.station, relative, len(session.sensor_attitudes)),
+            *_unknown_stars(session.external_counts),
+        ),
         relative,
         is_simulated(session),
         session.truncated,
@@ -173,6 +177,14 @@ def _not_tested(
         yield "onboard: no panoramas came, so there was nothing to identify and nothing to check the answers by"
     if relative:
         yield "absolute pointing, site and clock: the mount was fitted on the same sky"
+
+
+def _unknown_stars(counts: ExternalCounts) -> Iterator[str]:
+    if counts.stars_unknown:
+        yield (
+            f"onboard: {counts.stars_unknown} of the {counts.stars_named} star numbers of its answers are in no "
+            "catalogue and name no star; send them as whole numbers (a double holds 15 digits, a Gaia number has 19)"
+        )
 
 
 def _without_sensor(own_answers: int) -> str:

@@ -13,11 +13,9 @@ from gse.station.own_answers import SensorAnswers
 from gse.station.results import ERRORS, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.axis_statistics import AxisStatistics, quick_errors
-from gse.statistics.counted_frames import false_answers
 from gse.statistics.error_model import error_model
 from gse.statistics.sampling import MIN_FRAMES
-from gse.statistics.sensor_convention import is_wrong
-from gse.statistics.session_statistics import Statistics, sensor_masks, statistics
+from gse.statistics.session_statistics import Statistics, statistics
 from gse.statistics.subject_statistics import SubjectStatistics
 from gse.values.axis import Axis
 
@@ -55,7 +53,8 @@ class ComparedSession:
 
     @classmethod
     def from_session(cls, session: SessionData) -> "ComparedSession":
-        stats, fields = statistics(session), field_content(session)
+        stats = statistics(session)
+        fields = field_content(session, stats.counted.false)
         return cls(stats, _of_table(session, stats, fields), _of_sensor(session, stats, fields))
 
     def sensor_said_the_same(self, other: "ComparedSession", pairs: Pairs) -> bool:
@@ -74,7 +73,7 @@ def _same(one: SensorAnswers, two: SensorAnswers, name: str, pairs: Pairs) -> bo
 
 def _of_table(session: SessionData, stats: Statistics, fields: dict[str, FieldContent]) -> ComparedSubject:
     frames = session.frames.columns
-    false = false_answers(frames)
+    false = stats.counted.false
     answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
     return ComparedSubject(
         stats.onboard,
@@ -90,11 +89,9 @@ def _of_table(session: SessionData, stats: Statistics, fields: dict[str, FieldCo
 
 def _of_sensor(session: SessionData, stats: Statistics, fields: dict[str, FieldContent]) -> ComparedSubject | None:
     own, frames = stats.own, session.frames.columns
-    if own is None:
+    if own is None or stats.own_counted is None:
         return None
-    false, good = sensor_masks(own, frames, stats.counted)
-    if is_wrong(stats.convention, session.station.sensor.attitude):
-        false = good = np.zeros(len(frames), dtype=bool)
+    false, good = stats.own_counted.false, stats.own_counted.used
     return ComparedSubject(
         stats.subjects[Subject.SENSOR],
         frames["utc_ns"],

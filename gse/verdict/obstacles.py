@@ -94,7 +94,7 @@ def _no_temperature(session: SessionData) -> Iterator[str]:
 
 
 def _all_excluded(stats: Statistics) -> Iterator[str]:
-    if stats.frames and stats.counted.excluded.all():
+    if stats.frames and not stats.counts_any:
         words = dict.fromkeys(f"{item.cause}: {item.reason}" for item, count in stats.exclusions if count)
         those = "the only frame is" if stats.frames == 1 else f"all {stats.frames} frames are"
         yield f"{those} left out: {'; '.join(list(words)[:3])}"

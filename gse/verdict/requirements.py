@@ -357,7 +357,8 @@ FALSE_ANSWERS = Requirement(
     limit="false_share",
     claim=Claim.FALSEHOOD,
     decided=ByShare(lambda subject: subject.false_answers, "false_answers", beside=_star_fields),
-    says="share of the answers that name other stars than the reference identifier, or lie far from all others",
+    says="share of the answers that name other stars than the reference identifier, or lie more than "
+    "`limits.false_arcsec` from where it looks (from truth, where it has no answer)",
     core=True,
     plan=_none_false,
     compared=false_answers,

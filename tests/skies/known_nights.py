@@ -66,6 +66,8 @@ def rows_of(utc_ns, numbers, errors, like):
     true = angles_deg(TRUTH.attitudes_true(TRUTH.icrs_to_horizon_at(utc_ns), STATION.mount).icrs_to_sensor)
     for axis, name in enumerate(("ra", "de", "roll")):
         rows[f"{name}_deg"] = rows[f"{name}_true_deg"] = true[:, axis]
+    if like.answer_check is AnswerCheck.CORRECT:
+        rows["ra_reference_deg"], rows["de_reference_deg"] = true[:, 0], true[:, 1]
     matches["frame"] = np.repeat(numbers, len(matches) // len(numbers))
     return rows, matches
 

@@ -89,6 +89,7 @@ def results_of(made: Sequence[Made]) -> FrameResults:
         np.array(errors, dtype=np.float64).reshape(-1, 5),
         np.array([one.has_roll for one in made], dtype=bool),
         np.array([ANSWER_CHECKS.index(one.answer_check) for one in made], dtype=np.uint8),
+        np.array([_reference(one) for one in made]),
         others_of([one.others for one in made]),
         lights_of([one.light for one in made]),
         matches_of([one.left_out for one in made], star_name),
@@ -99,6 +100,13 @@ def results_of(made: Sequence[Made]) -> FrameResults:
 def result_of(made: Made) -> FrameResult:
     """One such result."""
     return results_of([made])[0]
+
+
+def _reference(one: Made) -> np.ndarray:
+    """The boresight by the reference identifier, which confirms a correct answer."""
+    if one.attitude is None or one.answer_check is not AnswerCheck.CORRECT:
+        return np.full(3, np.nan)
+    return one.attitude.icrs_to_sensor[2]
 
 
 def _probability(made: Made) -> float:

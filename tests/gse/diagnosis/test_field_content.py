@@ -9,6 +9,7 @@ from skies.known_nights import session
 from gse.diagnosis.field_content import SeenStars, field_content, share_error
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.results import AnswerCheck
+from gse.statistics.counted_frames import counted_frames
 
 FOCAL_PX, CENTRE_PX = 4169.905, 511.5
 SIDE_PX = 200.0
@@ -27,6 +28,10 @@ def night(places=LINE, *, roll_deg=0.0, residual=lambda frame, star: (0.0 * fram
     return made
 
 
+def content_of(made):
+    return field_content(made, counted_frames(made).false)
+
+
 def along_and_across(count=6):
     """By hand, of small angles: a boresight beside a line of stars goes along it with what turns about them leave."""
     lever = SIDE_PX**2 / (40.0**2 * 2 * (1 + 9 + 25))
@@ -38,7 +43,7 @@ def test_an_arcsec_of_each_star_is_one_over_the_root_of_their_number_and_more_wh
     roll_deg, is_north
 ):
     """Image up is north where the roll is 0; a turn about a line that is beside the middle moves that along rows."""
-    found = field_content(night(roll_deg=roll_deg))
+    found = content_of(night(roll_deg=roll_deg))
     plain, levered = along_and_across()
     de, ra = (levered, plain) if is_north else (plain, levered)
     assert found["d_ra_cosde"].geometry == pytest.approx(ra, rel=0.01)
@@ -47,7 +52,7 @@ def test_an_arcsec_of_each_star_is_one_over_the_root_of_their_number_and_more_wh
 
 @pytest.mark.parametrize(("roll_deg", "ra_share"), [(45.0, 0.5), (30.0, 0.25), (60.0, 0.75)])
 def test_both_axes_share_what_is_along_columns_and_rows_by_the_roll(roll_deg, ra_share):
-    found = field_content(night(roll_deg=roll_deg))
+    found = content_of(night(roll_deg=roll_deg))
     plain, levered = (one**2 for one in along_and_across())
     ra, de = (found[axis].geometry ** 2 for axis in ("d_ra_cosde", "d_de"))
     assert ra == pytest.approx((1 - ra_share) * plain + ra_share * levered, rel=0.02)
@@ -70,7 +75,7 @@ def test_stars_that_stand_aside_and_below_move_the_boresight_across_the_line_to_
     East of that are 100 cos + 200 sin of the roll, north 200 cos - 100 sin.
     """
     aside = tuple((x, y + 100.0) for x, y in LINE)
-    found = field_content(night(aside, roll_deg=roll_deg))
+    found = content_of(night(aside, roll_deg=roll_deg))
     for axis, lever_px in (("d_ra_cosde", ra_px), ("d_de", de_px)):
         expected = 1 / 6 + lever_px**2 / (40.0**2 * 2 * (1 + 9 + 25))
         assert found[axis].geometry ** 2 == pytest.approx(expected, rel=0.03)
@@ -78,12 +83,12 @@ def test_stars_that_stand_aside_and_below_move_the_boresight_across_the_line_to_
 
 @pytest.mark.parametrize(("stars", "is_told"), [(4, False), (5, True)])
 def test_five_stars_are_needed(stars, is_told):
-    assert set(field_content(night(LINE[:stars]))) == ({"d_ra_cosde", "d_de"} if is_told else set())
+    assert set(content_of(night(LINE[:stars]))) == ({"d_ra_cosde", "d_de"} if is_told else set())
 
 
 def test_errors_that_stay_with_each_star_are_left_in_the_bias():
     """3 arcsec to and fro, 12 by 6 / 4.5 in the square of them before the fit; an eighth is within one stretch."""
-    found = field_content(night(residual=lambda frame, star: (3.0 * (-1.0) ** star, 3.0 * (-1.0) ** (star // 2))))
+    found = content_of(night(residual=lambda frame, star: (3.0 * (-1.0) ** star, 3.0 * (-1.0) ** (star // 2))))
     for one in found.values():
         before_fit = 3.0 * math.sqrt(6 / 4.5)
         assert one.bias_error_arcsec == pytest.approx(one.geometry * before_fit * math.sqrt(7 / 8), rel=1e-6)
@@ -98,7 +103,7 @@ def test_noise_of_every_frame_leaves_nothing_in_the_bias_and_tells_itself_to_one
     zeros, ones = np.zeros(6), np.ones(6)
     turns = np.stack([np.column_stack([zeros, ones, -y]), np.column_stack([-ones, zeros, x])], axis=1).reshape(12, 3)
     left = noise.reshape(FRAMES, 12) @ (np.eye(12) - turns @ np.linalg.pinv(turns))
-    found = field_content(night(residual=lambda frame, star: left.reshape(FRAMES, 6, 2)[frame.astype(int), star].T))
+    found = content_of(night(residual=lambda frame, star: left.reshape(FRAMES, 6, 2)[frame.astype(int), star].T))
     for one in found.values():
         assert one.bias_error_arcsec == pytest.approx(0.0, abs=1e-3)
         for share in (one.noise_error_share, one.spread_error_share):
@@ -108,7 +113,7 @@ def test_noise_of_every_frame_leaves_nothing_in_the_bias_and_tells_itself_to_one
 def test_errors_that_change_from_one_stretch_of_time_to_the_next_are_in_the_spread_alone():
     """Ten seconds each: eight values tell their spread much worse than eighty do."""
     step = np.random.default_rng(3).normal(size=(8, 6, 2))
-    found = field_content(night(residual=lambda frame, star: step[(frame // 10).astype(int), star].T))
+    found = content_of(night(residual=lambda frame, star: step[(frame // 10).astype(int), star].T))
     for one in found.values():
         assert one.noise_error_share == pytest.approx(0.0, abs=1e-6)
         assert one.spread_error_share > 0.15
@@ -122,12 +127,12 @@ def test_frames_without_a_truth_false_answers_and_stars_that_no_answer_names_do_
     frames["answer_check"][20:40] = ANSWER_CHECKS.index(AnswerCheck.FALSE)
     matches["named"][matches["star"] == 5] = False
     matches["residual_x_arcsec"][matches["frame"] < 40] = 1000.0
-    found = field_content(made)
+    found = content_of(made)
     # the middle is a fifth of the line's half away from that of the stars: a turn about them moves it along too
     assert found["d_ra_cosde"].geometry == pytest.approx(math.sqrt(1 / 5 + 1 / (16 + 4 + 0 + 4 + 16)), rel=0.01)
     assert found["d_ra_cosde"].bias_error_arcsec == 0.0
     frames["roll_true_deg"] = np.nan
-    assert field_content(made) == {}
+    assert content_of(made) == {}
 
 
 @pytest.mark.parametrize(

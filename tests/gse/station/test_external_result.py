@@ -236,6 +236,7 @@ def identified_of(catalog, *given, panoramas=None):
         attitudes,
         np.array(checks, dtype=np.uint8),
         np.full(3, np.nan),
+        np.full((3, 3), np.nan),
         light,
         elapsed_us,
         by_panorama,

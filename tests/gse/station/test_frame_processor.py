@@ -15,7 +15,7 @@ from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.external.answers import ExternalAnswer
 from gse.external.identifier import ExternalIdentifier, Given
-from gse.identifier import Answers, Identification, Reason, Unidentified
+from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.station.attitude_error import attitude_error
 from gse.station.columns import ANSWER_CHECKS
@@ -108,6 +108,39 @@ def test_an_answer_is_false_where_its_boresight_is_a_twentieth_of_a_degree_off(r
     found = result(Turned(reference, by_deg), reference, panorama)
     assert found.status is Status.IDENTIFIED
     assert found.answer_check is check
+
+
+def test_what_is_false_is_as_the_limits_say(reference, panorama):
+    made = replace(processor(Turned(reference, 0.05), reference), false_arcsec=200.0)
+    panoramas = Panoramas.from_panoramas([panorama])
+    assert ANSWER_CHECKS[made.identify(panoramas).answer_check[0]] is AnswerCheck.CORRECT
+    closer = replace(made, false_arcsec=150.0)
+    assert ANSWER_CHECKS[closer.identify(panoramas).answer_check[0]] is AnswerCheck.FALSE
+
+
+def test_the_boresight_of_the_reference_identifier_is_kept_whatever_the_answer(reference, panorama):
+    for identifier in (Turned(reference, 1.0), Silent(reference.catalog)):
+        row = result(identifier, reference, panorama).row
+        assert row["ra_reference_deg"] == pytest.approx(BORESIGHT.ra_deg, abs=1e-4)
+        assert row["de_reference_deg"] == pytest.approx(BORESIGHT.de_deg, abs=1e-4)
+    assert np.isnan(result(reference, None, panorama).row["ra_reference_deg"]).all()
+
+
+@pytest.mark.parametrize(("others", "check"), [(12, AnswerCheck.CORRECT), (13, AnswerCheck.FALSE)])
+def test_an_answer_of_which_more_than_half_of_the_stars_are_others_is_false_wherever_it_looks(
+    reference, panorama, others, check
+):
+    """Of 25 stars; each other one is the next one's."""
+    panoramas = Panoramas.from_panoramas([panorama])
+    objects = ObjectColumns.from_panoramas([(FIELD_14_DEG.directions(panorama.xy_px), panorama.brightness)])
+    true = reference.identify_many(objects)[0]
+    stars = true.stars.copy()
+    stars[:others] = np.roll(stars[:others], 1)
+    source = Source(reference.catalog, stars, true.objects)
+    made = processor(ExternalIdentifier(reference.catalog, source), reference)
+    found = made.identify(panoramas)
+    assert ANSWER_CHECKS[found.answer_check[0]] is check
+    assert ANSWER_CHECKS[made._checks_under_air(panoramas, found)[0]] is check
 
 
 @pytest.mark.parametrize(
@@ -370,6 +403,7 @@ def test_a_false_answer_within_three_standard_deviations_of_the_lift_is_correct(
         attitudes_of([Attitude(np.eye(3), np.eye(3))] * 3),
         np.array([ANSWER_CHECKS.index(one) for one in before], dtype=np.uint8),
         separation_rad,
+        np.full((3, 3), np.nan),
         Starlight.none(3),
         np.zeros(3),
     )
@@ -462,15 +496,15 @@ def test_panoramas_without_an_answer_show_the_sky_of_the_reference_identifier_an
 
 
 class Source:
-    """A program that names two stars of each panorama."""
+    """A program that names stars of the first objects of each panorama, two where nothing else is said."""
 
     identity: ClassVar[dict[str, str]] = {"name": "made"}
 
-    def __init__(self, catalog):
-        self._ids = catalog.ids[[5, 9]]
+    def __init__(self, catalog, stars=(5, 9), objects=(0, 1)):
+        self._ids, self._objects = catalog.ids[list(stars)], np.array(objects)
 
     def answers(self, panoramas):
-        answer = ExternalAnswer({}, BORESIGHT, True, "IDENTIFIED", "", np.array([0, 1]), self._ids, None)
+        answer = ExternalAnswer({}, BORESIGHT, True, "IDENTIFIED", "", self._objects, self._ids, None)
         return [Given(answer, 1.0) for _ in panoramas]
 
 

@@ -107,6 +107,8 @@ COLUMNS = {
     "ra_deg": [10.0, math.nan, 10.0],
     "de_deg": [-20.0, math.nan, -20.0],
     "roll_deg": [30.0, math.nan, 30.0],
+    "ra_reference_deg": [10.0, math.nan, math.nan],
+    "de_reference_deg": [-20.0, math.nan, math.nan],
     "ra_true_deg": [12.0, math.nan, math.nan],
     "de_true_deg": [-18.0, math.nan, math.nan],
     "roll_true_deg": [32.0, math.nan, math.nan],

@@ -9,17 +9,25 @@ from skies.one_by_one import Made, add_frame, results_of
 
 from drivers.chunk import LinkEvent
 from gse.config.station import BUILT_IN_TEXT
-from gse.external.answers import Failure, FailureKind, parse_answer
-from gse.external.identifier import Given
+from gse.external.answers import ExternalAnswer, Failure, FailureKind
+from gse.external.identifier import ExternalCounts, Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.station.loop import ResultEvents
 from gse.station.results import Status
 from gse.station.session_data import SessionData
+from gse.values.attitude import Attitude
 from gse.values.instant import NS_PER_S
 from gse.values.mount import InertialDirection, Mount
 from gse.values.panorama import Panorama
+from gse.verdict.assessment import _unknown_stars
 
 FOUND = Identification(np.arange(0), np.arange(0), 1e-9)
+
+
+ANSWER = ExternalAnswer(
+    {}, Attitude.from_angles(1.0, 2.0, 3.0), True, "IDENTIFIED", "", np.arange(0), np.arange(0), None
+)
+"""One that names no star."""
 
 
 class Camera:
@@ -60,7 +68,7 @@ def stored(count, session, *, reasons=(), failed=None):
         made.append(Made(panorama, Status.NO_MATCH, "", "neighbour"))
         if failed is not None:
             fault = Failure(FailureKind.CRASH, "it ended") if number - first == failed else None
-            made[-1] = replace(made[-1], given=Given(fault or parse_answer({"frame_no": 0}, 0, 0), 1.0))
+            made[-1] = replace(made[-1], given=Given(fault or ANSWER, 1.0))
         add_frame(session.frames, made[-1])
     answers = [dict(reasons).get(place, FOUND) for place in range(count)]
     return replace(results_of(made), answers=Answers.from_answers(answers))
@@ -96,6 +104,16 @@ def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
     assert (place, told.kind, told.utc_ns) == (1, "IDENTIFIER_FAULT", START_NS + 3 * NS_PER_S)
     assert (told.text, told.mono_ns) == ("CRASH at frame 3: it ended", 0)
     assert (session.external_counts.answers, session.external_counts.failures["CRASH"]) == (2, 1)
+
+
+def test_star_numbers_that_are_in_no_catalogue_are_counted_among_all_that_an_answer_gave():
+    counts = ExternalCounts()
+    counts.count(Given(replace(ANSWER, objects=np.arange(30), star_ids=np.arange(30))), 8)
+    counts.count(Given(ANSWER), 0)
+    assert (counts.stars_named, counts.stars_unknown, counts.answers) == (30, 22, 2)
+    said = "22 of the 30 star numbers of its answers are in no catalogue"
+    assert [said in line for line in _unknown_stars(counts)] == [True]
+    assert list(_unknown_stars(ExternalCounts(stars_named=30))) == []
 
 
 def test_a_program_that_is_given_up_is_told_once_with_the_first_frame_without_an_answer(session):

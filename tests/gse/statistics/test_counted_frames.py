@@ -10,11 +10,13 @@ from skies.one_by_one import Made, add_frame
 
 from gse.diagnosis.plain_findings import time_tag_faults
 from gse.errors import UsageError
+from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions, parse_exclusion
 from gse.station.frame_table import MATCH
+from gse.station.own_answers import SensorAnswers
 from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
-from gse.statistics.counted_frames import counted_frames, false_answers
+from gse.statistics.counted_frames import counted_frames, own_counted
 from gse.statistics.session_statistics import statistics
 from gse.values.instant import NS_PER_S, from_text
 from gse.verdict.assessment import judge
@@ -38,22 +40,166 @@ def no_answer(utc_ns, number, *, objects=0):
     return Made(panorama, Status.NO_MATCH if objects else Status.TOO_FEW, "", "neighbour")
 
 
-# Answers that nothing confirms
+# False answers
 
 
-@pytest.mark.parametrize(("off_arcsec", "expected"), [(1790.0, False), (1810.0, True)])
-def test_an_answer_is_false_half_a_degree_from_the_median_where_nothing_confirms_its_stars(off_arcsec, expected):
-    made = session(60, noise=1.0, judged=AnswerCheck.UNKNOWN)
-    frames = made.frames.columns
-    frames["cross_x_arcsec"][7] = np.median(frames["cross_x_arcsec"]) + off_arcsec
-    assert false_answers(frames)[7] == expected
-    assert false_answers(frames).sum() == expected
+def false_rows(made):
+    return np.flatnonzero(counted_frames(made).false).tolist()
 
 
-def test_an_answer_far_from_the_median_is_right_where_the_reference_identifier_confirms_its_stars():
+@pytest.mark.parametrize(("off_arcsec", "expected"), [(175.0, []), (205.0, [7])])
+def test_an_answer_that_nothing_confirms_is_false_where_it_lies_too_far_from_truth(off_arcsec, expected):
+    """180 arcsec, three times the limit, and the 19 arcsec within which truth itself is known."""
+    made = session(60, noise=0.1, judged=AnswerCheck.UNKNOWN)
+    made.frames.columns["cross_x_arcsec"][7] = off_arcsec
+    assert false_rows(made) == expected
+
+
+@pytest.mark.parametrize(("limits", "within_arcsec"), [({"d_de_arcsec": 100.0}, 300), ({"false_arcsec": 40.0}, 40)])
+def test_what_is_false_is_three_times_the_larger_limit_or_what_the_station_file_states(limits, within_arcsec):
+    made = with_limits(session(60, noise=0.1), **limits)
+    made.frames.columns["answer_check"][7:9] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    made.frames.columns["cross_y_arcsec"][7:9] = [within_arcsec - 1, within_arcsec + 1]
+    assert false_rows(made) == [8]
+
+
+def with_limits(made, **changes):
+    limits = dataclasses.replace(made.station.limits, **changes)
+    made.station = made.station.model_copy(update={"limits": limits})
+    return made
+
+
+def test_a_mount_that_is_off_makes_no_answer_false():
+    """All that the reference identifier confirms shares it: answers that nothing confirms are judged beside them."""
+    made = session(60, noise=0.1, bias=(900.0, 0.0, 0.0))
+    made.frames.columns["answer_check"][[7, 8]] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    made.frames.columns["cross_x_arcsec"][8] -= 900.0
+    assert false_rows(made) == [8]
+
+
+@pytest.mark.parametrize(("off", "false"), [(1, 1), (29, 29), (30, 30), (31, 29), (60, 0)])
+def test_without_a_reference_truth_decides_for_half_of_the_answers_and_what_most_share_is_no_falsehood(off, false):
+    """Beyond half the rows of the accuracy show it: nothing tells a mount from a sensor."""
+    made = session(60, noise=0.1, judged=AnswerCheck.UNKNOWN)
+    made.frames.columns["cross_x_arcsec"][:off] += 3600.0
+    assert counted_frames(made).false.sum() == false
+    assert (counted_frames(made).used.sum(), counted_frames(made).judged.sum()) == (60 - false, 60)
+
+
+def test_where_no_clock_tells_how_well_truth_is_known_answers_far_from_most_are_false():
+    made = session(60, noise=0.1, judged=AnswerCheck.UNKNOWN)
+    made.clock = []
+    made.frames.columns["cross_x_arcsec"] += 500.0
+    made.frames.columns["cross_x_arcsec"][7] += 200.0
+    assert false_rows(made) == [7]
+
+
+@pytest.mark.parametrize(("off_arcsec", "expected"), [(3000.0, []), (4000.0, [7])])
+def test_an_answer_that_the_reference_identifier_confirms_is_false_only_where_the_panorama_is_of_another_sky(
+    off_arcsec, expected
+):
+    """A kick may move a mount by minutes of arc, and it is a degree that tells another sky."""
     made = session(60, noise=1.0)
-    made.frames.columns["cross_x_arcsec"][7] += 5000.0
-    assert not false_answers(made.frames.columns).any()
+    made.frames.columns["cross_x_arcsec"][7] += off_arcsec
+    assert false_rows(made) == expected
+    assert counted_frames(made).used.sum() == 60 - len(expected)
+
+
+@pytest.mark.parametrize(("elsewhere", "false"), [(29, 29), (30, 0)])
+def test_two_pointings_that_are_as_frequent_tell_no_other_sky(elsewhere, false):
+    made = session(60, noise=1.0)
+    made.frames.columns["cross_x_arcsec"][:elsewhere] += 72_000.0
+    assert counted_frames(made).false.sum() == false
+
+
+def test_answers_of_other_stars_are_false_and_judged_though_there_is_no_truth():
+    made = session(60)
+    frames = made.frames.columns
+    for name in ("cross_x_arcsec", "cross_y_arcsec", "d_de_arcsec"):
+        frames[name] = np.nan
+    frames["answer_check"][:] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    frames["answer_check"][:3] = [ANSWER_CHECKS.index(one) for one in ("correct", "false", "absent")]
+    assert false_rows(made) == [1]
+    assert np.flatnonzero(counted_frames(made).judged).tolist() == [0, 1]
+
+
+# The sensor's own answers
+
+
+def own_answers(made, off_arcsec=0.0, rows=slice(None), **changes):
+    """Answers along with those of the frames, some of which lie off in declination, with their errors."""
+    frames, count = made.frames.columns, len(made.frames)
+    columns = {name: np.full(count, np.nan) for name in SensorAnswers.__slots__}
+    columns |= {"sent": np.ones(count, dtype=bool), "acquired": np.ones(count, dtype=bool)}
+    columns |= {name: frames[name].astype(np.float64) for name in ("ra_deg", "de_deg", "d_de_arcsec")}
+    columns |= {name: frames[name].astype(np.float64) for name in ("cross_x_arcsec", "cross_y_arcsec")}
+    columns["de_deg"][rows] += off_arcsec / 3600
+    for name, sign in (("d_de_arcsec", 1), ("cross_y_arcsec", -1)):
+        columns[name][rows] += sign * off_arcsec
+    return SensorAnswers(**{**columns, **changes})
+
+
+def own_false(made, own):
+    return np.flatnonzero(own_counted(made, own, counted_frames(made)).false).tolist()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("cloud", [False, True])
+@pytest.mark.parametrize(("off_arcsec", "expected"), [(160.0, []), (210.0, [7, 8, 9])])
+def test_own_answers_are_false_by_the_reference_identifier_and_by_truth_where_it_has_none(
+    sign, cloud, off_arcsec, expected
+):
+    made = session(60, noise=0.1)
+    if cloud:
+        blind(made, slice(5, 20))
+    assert own_false(made, own_answers(made, sign * off_arcsec, slice(7, 10))) == expected
+
+
+def blind(made, rows):
+    """Frames in which neither identifier finds a star."""
+    frames = made.frames.columns
+    frames["status"][rows] = STATUSES.index(Status.TOO_FEW)
+    frames["answer_check"][rows] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    frames["ra_reference_deg"][rows] = frames["de_reference_deg"][rows] = np.nan
+
+
+@pytest.mark.parametrize(("off", "false"), [(30, 30), (31, 31), (60, 60)])
+def test_a_sensor_that_is_a_degree_off_its_panoramas_is_false_as_often_as_it_is_off(off, false):
+    """The median of its own answers is no authority."""
+    made = session(60, noise=0.1)
+    assert len(own_false(made, own_answers(made, 3600.0, slice(0, off)))) == false
+
+
+def test_own_answers_without_panoramas_that_show_stars_are_judged_by_truth():
+    made = session(60, noise=0.1)
+    blind(made, slice(None))
+    assert own_false(made, own_answers(made, 1500.0, slice(0, 30))) == list(range(30))
+
+
+def test_an_own_answer_is_right_where_its_panorama_is_of_another_sky_and_it_is_of_the_mounts():
+    made = session(60, noise=0.1)
+    frames, own = made.frames.columns, own_answers(made)
+    frames["de_reference_deg"][7] += 30.0
+    frames["cross_y_arcsec"][7] -= 30.0 * 3600
+    assert false_rows(made) == [7]
+    assert own_false(made, own) == []
+
+
+def test_own_answers_while_the_mount_was_touched_are_judged_only_where_stars_tell():
+    made = session(60, noise=0.1)
+    blind(made, slice(5, 8))
+    made.excluded = (Exclusion(START_NS, START_NS + NS_PER_S, "kicked", Cause.MOUNT),)
+    counted = own_counted(made, own_answers(made, 900.0, slice(0, 10)), counted_frames(made))
+    assert np.flatnonzero(counted.false).tolist() == [0, 1, 2, 3, 4, 8, 9]
+    assert np.flatnonzero(~counted.judged).tolist() == [5, 6, 7]
+    assert np.flatnonzero(~counted.used).tolist() == list(range(10))
+
+
+def test_an_own_answer_that_is_not_valid_is_not_judged():
+    made = session(60, noise=0.1)
+    acquired = np.arange(60) != 7
+    counted = own_counted(made, own_answers(made, 900.0, slice(7, 8), acquired=acquired), counted_frames(made))
+    assert (counted.false.sum(), counted.judged.sum(), counted.used.sum()) == (0, 59, 59)
 
 
 # Buffers
@@ -432,6 +578,14 @@ def test_a_stretch_to_leave_out_is_read_with_its_reason():
     stretch = parse_exclusion("2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds")
     assert (stretch.from_ns, stretch.until_ns - stretch.from_ns) == (START_NS, 60 * NS_PER_S)
     assert (stretch.reason, stretch.cause) == ("clouds", Cause.OPERATOR)
+
+
+@pytest.mark.parametrize(
+    ("why", "reason"), [("=mount: kicked", "kicked"), ("= mount:moved ", "moved"), ("=mount:", "the mount was touched")]
+)
+def test_a_stretch_in_which_the_mount_was_touched_says_so(why, reason):
+    stretch = parse_exclusion(f"2026-03-20T18:30:00Z/2026-03-20T18:31:00Z{why}")
+    assert (stretch.cause, stretch.reason) == (Cause.MOUNT, reason)
 
 
 @pytest.mark.parametrize("text", ["", "clouds", "2026-03-20T18:30:00Z", "2026-03-20T18:31:00Z/2026-03-20T18:30:00Z"])

@@ -9,6 +9,7 @@ import pytest
 from gse.station.columns import FRAME
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import axis_statistics
+from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.sampling import effective_number
 from gse.statistics.subject_statistics import (
     SubjectAnswers,
@@ -49,7 +50,9 @@ def answers(count=10, **changes):
     columns = {axis.column: 100.0 * place + np.arange(count) for place, axis in enumerate(ALL_AXES, 1)}
     columns |= {"ra_deg": np.zeros(count), "de_deg": np.zeros(count)}
     times = np.full(count, np.nan)
-    usual = SubjectAnswers(columns, every, every, every, ~every, every, times, times, False)
+    counted = CountedFrames(every, every, ~every, ~every, every, every, ())
+    masks = {name: changes.pop(name) for name in [*changes] if name in CountedFrames.__slots__}
+    usual = SubjectAnswers(columns, replace(counted, **masks), times, times, False)
     return replace(usual, **changes)
 
 
@@ -78,10 +81,9 @@ def test_an_expected_frame_that_was_answered_well_is_available_and_a_lost_one_is
     assert (stats.available.count, stats.available.of) == (5, 11)
 
 
-def test_false_answers_are_of_all_expected_or_false_ones():
-    """Ten frames, one of them neither expected nor false, one not answered: a false answer without sky counts."""
-    stats = found(answers(expected=~mask(5, 6), answered=~mask(8), false=mask(3, 5)))
-    assert (stats.false_answers.count, stats.false_answers.of) == (2, 8)
+def test_false_answers_are_of_all_that_are_judged_whether_they_were_expected_or_not():
+    stats = found(answers(expected=~mask(5, 6), judged=~mask(8), false=mask(3, 5)))
+    assert (stats.false_answers.count, stats.false_answers.of) == (2, 9)
 
 
 def test_times_are_those_that_are_known_and_slow_is_more_than_the_limit():
@@ -98,7 +100,7 @@ def test_times_are_those_that_are_known_and_slow_is_more_than_the_limit():
 
 def test_outage_and_acquisition_are_of_timed_frames_with_a_good_answer():
     rows = frames(np.arange(10.0) ** 2)
-    given = answers(timed=~mask(0, 6), answered=~mask(1, 2, 4), false=mask(3))
+    given = answers(excluded=mask(0, 6), answered=~mask(1, 2, 4), false=mask(3))
     stats = found(given, rows)  # timed from 1 s; good at 25, 49, 64 and 81 s
     assert stats.acquisition_s == 24.0
     assert stats.outage_s == 24.0
@@ -177,8 +179,9 @@ def test_the_error_per_kelvin_is_of_the_used_frames_with_their_temperature():
 
 
 def test_an_unknown_convention_leaves_no_error_and_no_false_answer():
-    plain = answers(false=mask(3)).uncompared()
+    plain = answers(false=mask(3)).counted.uncompared()
     assert not plain.false.any()
+    assert not plain.judged.any()
     assert not plain.used.any()
     assert plain.answered.all()
 
