@@ -8,6 +8,7 @@ deg at an altitude of 22 deg it lies 12 arcsec from the bend at the boresight.
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,17 +222,64 @@ def paired(frames: Columns, answers: NDArray[np.void]) -> tuple[NDArray[np.int64
 def panoramas_of(frames: Columns, answers: NDArray[np.void]) -> NDArray[np.int64]:
     """The row of FRAME that each of some answers (M,) is to, by time tag and frame number; -1 where there is none.
 
-    A sensor whose ATTITUDE has no frame number is taken by the tag alone.
+    A sensor that starts anew may repeat both: then the panorama that the host read at the nearest time is meant. A
+    sensor whose ATTITUDE has no frame number is taken by the tag alone.
     """
+    rows = np.full(len(answers), -1)
     if not len(frames):
-        return np.full(len(answers), -1)
-    time_us = frames["time_us"]
-    order = np.argsort(time_us, kind="stable")
-    place = np.searchsorted(time_us, answers["time_us"], side="right", sorter=order) - 1
-    rows = order[np.maximum(place, 0)]
-    same = (place >= 0) & (time_us[rows] == answers["time_us"])
-    same &= (frames["frame_no"][rows] == answers["frame_no"]) | (answers["frame_no"] == 0)
-    return np.where(same, rows, -1)
+        return rows
+    numbered = answers["frame_no"] > 0
+    for some, numbers in ((numbered, True), (~numbered, False)):
+        asked = np.flatnonzero(some)
+        if not len(asked):
+            continue
+        keys = _ranks(frames["time_us"], answers["time_us"][asked])
+        if numbers:
+            number = frames["frame_no"].astype(np.int64), answers["frame_no"][asked].astype(np.int64)
+            keys = _ranks(keys[0] << 32 | number[0], keys[1] << 32 | number[1])
+        rows[asked] = _nearest(*keys, frames["host_utc_ns"], answers["host_utc_ns"][asked])
+    return rows
+
+
+def _ranks(one: NDArray[Any], other: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The places of values (N,) and (M,) among all different ones of both."""
+    ranks = np.unique(np.concatenate([one, other]), return_inverse=True)[1].astype(np.int64)
+    return ranks[: len(one)], ranks[len(one) :]
+
+
+def _nearest(
+    of_frames: NDArray[np.int64],
+    of_answers: NDArray[np.int64],
+    frames_ns: NDArray[np.int64],
+    answers_ns: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """For each key (M,) the row of the equal key (N,) that is nearest in time; -1 where none is equal.
+
+    Where the host's times are not known, those that came first belong together.
+    """
+    if not frames_ns.any():
+        frames_ns, answers_ns = _occurrence(of_frames), _occurrence(of_answers)
+    frame_rank, answer_rank = _ranks(frames_ns, answers_ns)
+    many = 1 + max(int(frame_rank.max()), int(answer_rank.max()))
+    keys = of_frames * many + frame_rank
+    order = np.argsort(keys, kind="stable")
+    after = np.searchsorted(keys, of_answers * many + answer_rank, sorter=order)
+    best, best_ns = np.full(len(of_answers), -1), np.full(len(of_answers), np.iinfo(np.int64).max)
+    for place in (after - 1, after):
+        row = order[np.clip(place, 0, len(order) - 1)]
+        apart_ns = np.abs(frames_ns[row] - answers_ns)
+        is_nearer = (place >= 0) & (place < len(order)) & (of_frames[row] == of_answers) & (apart_ns < best_ns)
+        best[is_nearer], best_ns[is_nearer] = row[is_nearer], apart_ns[is_nearer]
+    return best
+
+
+def _occurrence(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many equal keys (N,) came before each."""
+    order = np.argsort(keys, kind="stable")
+    first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    found = np.empty(len(keys), dtype=np.int64)
+    found[order] = np.arange(len(keys)) - np.repeat(first, np.diff(np.append(first, len(keys))))
+    return found
 
 
 def own_truth(session: SessionData) -> OwnAnswerTruth | None:

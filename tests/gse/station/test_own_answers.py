@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from skies.known_nights import START_NS, TABLE, TRUTH
 
@@ -14,12 +16,14 @@ from gse.report import summarise
 from gse.report.frames_csv import frames_csv
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER, QUATERNION
+from gse.station.columns import FRAME
 from gse.station.loop import StationLoop
 from gse.station.own_answers import (
     OwnAnswerProcessor,
     OwnAnswerTruth,
     field_of,
     measured_rotations,
+    panoramas_of,
 )
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
@@ -439,3 +443,73 @@ def test_a_small_field_turns_with_its_middle_and_by_the_mean_of_the_two_directio
     sky = FixedSky(air=lambda _: np.array(beside) @ axes.T)
     shift = OwnAnswerTruth(sky, None, True).shifts(np.array([START_NS]))[0]
     assert pytest.approx(axes @ Rotation.from_rotvec([0.0, 0.0, turn_rad]).as_matrix(), abs=1e-12) == shift.T
+
+
+# Which panorama an answer is to
+
+
+def two_lives(count=50, *, apart_s=100, host=True):
+    """Frames of a sensor that started anew, with the tags and numbers of its first life, and answers 80 ms later."""
+    frames, answers = np.zeros(2 * count, dtype=FRAME), np.zeros(2 * count, dtype=OWN_ANSWER)
+    number = np.tile(np.arange(1, count + 1), 2)
+    life_ns = np.repeat([0, apart_s * NS_PER_S], count)
+    for rows, late_ns in ((frames, 0), (answers, 80_000_000)):
+        rows["time_us"], rows["frame_no"] = number * 100_000, number
+        if host:
+            rows["host_utc_ns"] = START_NS + life_ns + number * NS_PER_S // 10 + late_ns
+    return frames, answers
+
+
+@pytest.mark.parametrize("host", [True, False])
+@pytest.mark.parametrize("numbered", [True, False])
+def test_answers_of_a_sensor_that_repeats_tags_and_numbers_are_to_the_panoramas_of_their_own_life(host, numbered):
+    frames, answers = two_lives(host=host)
+    if not numbered:
+        answers["frame_no"] = 0
+    assert panoramas_of(frames, answers).tolist() == list(range(100))
+    part = np.r_[0:20, 50:100]
+    if host:
+        assert panoramas_of(frames, answers[part]).tolist() == part.tolist()
+        assert panoramas_of(frames[part], answers)[:20].tolist() == list(range(20))
+        assert panoramas_of(frames[part], answers)[50:].tolist() == list(range(20, 70))
+
+
+def test_an_answer_is_to_a_panorama_of_its_own_tag_and_number_alone():
+    frames, answers = two_lives(3)
+    answers["time_us"][1] += 1
+    answers["frame_no"][2] += 5
+    assert panoramas_of(frames, answers).tolist() == [0, -1, -1, 3, 4, 5]
+    assert panoramas_of(frames[:0], answers).tolist() == [-1] * 6
+    assert panoramas_of(frames, answers[:0]).tolist() == []
+
+
+def test_under_a_tag_that_stands_still_the_number_tells():
+    frames, answers = two_lives(50)
+    frames["time_us"] = answers["time_us"] = 7
+    assert panoramas_of(frames, answers).tolist() == list(range(100))
+
+
+@given(st.data())
+def test_the_nearest_panorama_of_the_same_tag_and_number_is_that_of_a_search_one_by_one(data):
+    small = st.integers(1, 3)
+    rows = st.lists(st.tuples(small, small, st.integers(1, 60)), max_size=12)
+    frames, answers = (_rows(data.draw(rows), dtype) for dtype in (FRAME, OWN_ANSWER))
+    for answer, row in zip(answers, panoramas_of(frames, answers), strict=True):
+        same = [
+            abs(int(frame["host_utc_ns"]) - int(answer["host_utc_ns"]))
+            for frame in frames
+            if frame["time_us"] == answer["time_us"] and frame["frame_no"] == answer["frame_no"]
+        ]
+        if not same:
+            assert row == -1
+        else:
+            found = frames[row]
+            assert (found["time_us"], found["frame_no"]) == (answer["time_us"], answer["frame_no"])
+            assert abs(int(found["host_utc_ns"]) - int(answer["host_utc_ns"])) == min(same)
+
+
+def _rows(drawn, dtype):
+    rows = np.zeros(len(drawn), dtype=dtype)
+    for row, (time_us, frame_no, host_ns) in zip(rows, drawn, strict=True):
+        row["time_us"], row["frame_no"], row["host_utc_ns"] = time_us, frame_no, host_ns
+    return rows
