@@ -23,12 +23,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.own_answers import SensorAnswers
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
+from gse.statistics.availability import never_sent
 from gse.statistics.clock_health import clock_health
 from gse.statistics.decision import Claim
 from gse.statistics.excuses import excusing, left_out
@@ -53,7 +55,8 @@ class CountedFrames:
 
     ``answered`` frames have an answer, which is ``judged`` where the reference identifier or truth can tell whether it
     is ``false``. ``excluded`` ones have no certain time or no truth: they are left out of the statistics of accuracy,
-    which ``used`` ones enter. ``expected`` frames must have an answer.
+    which ``used`` ones enter. ``expected`` frames must have an answer. Before each frame ``never_came`` (M,) more were
+    expected; ``unplaced`` are those that were lost nobody knows when.
     """
 
     answered: NDArray[np.bool_]
@@ -61,8 +64,15 @@ class CountedFrames:
     false: NDArray[np.bool_]
     excluded: NDArray[np.bool_]
     expected: NDArray[np.bool_]
+    never_came: NDArray[np.int64]
+    unplaced: int
     used: NDArray[np.bool_]
     exclusions: tuple[Exclusion, ...]
+
+    @property
+    def frames_expected(self) -> int:
+        """How many frames must have an answer, with those that never came."""
+        return int(self.expected.sum()) + int(self.never_came.sum()) + self.unplaced
 
     def uncompared(self) -> Self:
         """The same where the convention of the answers is not known: none of them can be judged."""
@@ -84,11 +94,29 @@ def counted_frames(session: SessionData) -> CountedFrames:
         answered & (check == ANSWER_CHECKS.index(one)) for one in (AnswerCheck.CORRECT, AnswerCheck.FALSE)
     )
     excluded_frames = excluded(frames["utc_ns"], excusing(Claim.ACCURACY, stretches))
-    expected = ~excluded(frames["utc_ns"], excusing(Claim.ABSENCE, stretches))
+    absences = excusing(Claim.ABSENCE, stretches)
+    expected = ~excluded(frames["utc_ns"], absences)
     crossed = _Crossed(frames["cross_x_arcsec"], frames["cross_y_arcsec"], answered)
     judged, false = _judged(session, crossed, confirmed, refuted, excluded_frames, stretches)
     used = answered & ~false & ~excluded_frames & np.isfinite(frames["d_de_arcsec"])
-    return CountedFrames(answered, judged, false, excluded_frames, expected, used, stretches)
+    never_came = never_sent(frames)
+    unplaced = max(session.panoramas_lost - int(never_came.sum()), 0)
+    never_came[after_suspensions(session)] = 0
+    for item in absences:
+        never_came[1:][_touches(item, frames["utc_ns"])] = 0
+    return CountedFrames(answered, judged, false, excluded_frames, expected, never_came, unplaced, used, stretches)
+
+
+def after_suspensions(session: SessionData) -> list[int]:
+    """Rows of the first frame after each time in which the host slept, and not the sensor."""
+    steps = clock_steps(session.events)
+    rows = first_rows(session.frames.columns["host_utc_ns"], steps)
+    return [row for row, step in zip(rows, steps, strict=True) if step.utc_kept and row < len(session.frames)]
+
+
+def _touches(stretch: Exclusion, utc_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the times (M - 1,) between one frame and the next a stretch touches."""
+    return np.asarray((utc_ns[1:] >= stretch.from_ns) & (utc_ns[:-1] < stretch.until_ns))
 
 
 def own_counted(session: SessionData, own: SensorAnswers, counted: CountedFrames) -> CountedFrames:
@@ -104,7 +132,7 @@ def own_counted(session: SessionData, own: SensorAnswers, counted: CountedFrames
     crossed = _Crossed(own.cross_x_arcsec, own.cross_y_arcsec, answered)
     judged, false = _judged(session, crossed, confirmed, refuted, counted.excluded, counted.exclusions)
     used = answered & ~false & ~counted.excluded & np.isfinite(own.d_de_arcsec)
-    return CountedFrames(answered, judged, false, counted.excluded, counted.expected, used, counted.exclusions)
+    return replace(counted, answered=answered, judged=judged, false=false, used=used)
 
 
 def _from_reference_arcsec(own: SensorAnswers, frames: Columns) -> NDArray[np.float64]:

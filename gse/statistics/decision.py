@@ -81,7 +81,7 @@ DECISION_TEXT = {
         "A figure q with the limit L and the one-sided 95 % uncertainty U is PASS where q + U <= L, FAIL where "
         "q - U > L, and INCONCLUSIVE between them: a sensor whose true figure is at its limit passes in at most 5 % of "
         "the sessions, and fails in at most 5 %. U = sqrt(U_sampling^2 + (1.645 u_truth)^2). Shares are decided by "
-        "their one-sided 95 % bounds after Clopper and Pearson."
+        "their one-sided 95 % bounds after Clopper and Pearson; an outage is an event of Poisson."
     ),
     Decision.SIMPLE: (
         "A figure q with the limit L is PASS where q <= L, else FAIL. Uncertainty does not count: the risk that a "
@@ -90,6 +90,8 @@ DECISION_TEXT = {
     ),
 }
 
+_SAYS_NOTHING = 0.5
+"""A lower bound below half of its limit tells nothing of it."""
 _NO_LENGTH = "a longer session cannot decide"
 _NAN = float("nan")
 
@@ -283,8 +285,11 @@ def share_of(count: int, of: int, n_eff: float | None = None) -> Share:
     return Share(count, of, count / of, number, lower, upper)
 
 
-def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str = "") -> Row:
-    """The row of a share that must keep below its limit, or reach it (``at_least``); ``beside`` joins the reason."""
+def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str = "", events: str = "") -> Row:
+    """The row of a share that must keep below its limit, or reach it (``at_least``).
+
+    ``beside`` joins the reason; ``events`` are those that make most of the share, where they are few.
+    """
     uncertainty = share.value - share.lower if at_least else share.upper - share.value
     outcome = share_outcome(share, asked.limit, at_least=at_least, decision=asked.decision)
     limit = percent(asked.limit, 2)
@@ -296,7 +301,11 @@ def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str =
         reason = f"{seen}, the limit is {limit}"
     elif outcome is Outcome.INCONCLUSIVE:
         bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
-        reason = f"{seen} show {bound} with 95 % confidence, the limit is {limit}: a longer session decides"
+        shows = f" show {bound} with 95 % confidence"
+        if at_least and share.lower < _SAYS_NOTHING * asked.limit:
+            shows, events = "", events or "the answers that are missing came together"
+        why = f"{events}, too few events to tell" if events else "a longer session decides"
+        reason = f"{seen}{shows}, the limit is {limit}: {why}"
     return Row(
         asked.subject,
         asked.name,

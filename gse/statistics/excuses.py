@@ -209,8 +209,12 @@ class Excuse:
     subjects: tuple[Subject, ...] = tuple(Subject)
 
     def applied_to(self, row: Row, claim: Claim, evidence: Evidence) -> Row:
-        """A row that fails for it: INCONCLUSIVE; any other as it is."""
-        if row.outcome is not Outcome.FAIL or claim not in self.excuses or row.subject not in self.subjects:
+        """A row that fails for it: INCONCLUSIVE; any other as it is.
+
+        Absences that are too few to decide have their reason too.
+        """
+        open_to = (Outcome.FAIL, Outcome.INCONCLUSIVE) if claim is Claim.ABSENCE else (Outcome.FAIL,)
+        if row.outcome not in open_to or claim not in self.excuses or row.subject not in self.subjects:
             return row
         reason = self.seen(evidence, row)
         return replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{row.reason}: {reason}") if reason else row

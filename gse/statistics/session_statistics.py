@@ -29,7 +29,7 @@ _MOST_STAR_ERRORS = 20_000
 class Statistics:
     """All statistics of a session.
 
-    ``frames_expected`` are those received and not excused, and those that the sequence numbers miss. ``onboard`` is
+    ``frames_expected`` are those received and not excused, and those that never came. ``onboard`` is
     there where panoramas came, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
     ``own`` are the sensor's answers beside panoramas, which ``own_counted`` counts, ``convention`` what its answers
     show of their convention: where another one is stated, no error of theirs is computed. ``spatial``
@@ -70,13 +70,12 @@ def statistics(session: SessionData) -> Statistics:
     status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
-    lost = session.panoramas_lost
     convention = session_convention(session) if len(session.sensor_attitudes) else None
     unreadable = is_wrong(convention, session.station.sensor.attitude)
     if session.subject is Subject.SENSOR and unreadable:
         counted = counted.uncompared()
     answers = _of_frames(session, counted)
-    subjects = {session.subject: subject_statistics(session.subject, frames, answers, lost, limit_ms, field_rad)}
+    subjects = {session.subject: subject_statistics(session.subject, frames, answers, limit_ms, field_rad)}
     own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
     counted_own = None
     if own is not None:
@@ -84,13 +83,13 @@ def statistics(session: SessionData) -> Statistics:
         if unreadable:
             counted_own = counted_own.uncompared()
         answers = _sensor(own, counted_own)
-        subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
+        subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, limit_ms, field_rad)
     if session.station.mount.inertial is not None:
         subjects = {name: replace(subject, earth_rate=NO_EARTH_RATE) for name, subject in subjects.items()}
     return Statistics(
         frames=len(frames),
         duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,
-        frames_expected=len(status) + lost,
+        frames_expected=counted.frames_expected,
         statuses=_statuses(status),
         answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
         subjects=subjects,

@@ -14,10 +14,11 @@ from scipy.special import stdtrit
 
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
+from gse.statistics.availability import Outages, available_share
 from gse.statistics.axis_statistics import AxisStatistics, axis_statistics
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.decision import Figure, Share, share_of
-from gse.statistics.sampling import Percentiles, effective_number, percentiles
+from gse.statistics.sampling import Percentiles, percentiles
 from gse.values.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, OF_SENSOR, Axis
 from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.values.matrices import pinv, product
@@ -139,8 +140,9 @@ NO_EARTH_RATE = EarthRate(_NAN, _NAN, _NAN)
 class SubjectStatistics:
     """All statistics of one subject's answers.
 
-    ``available`` is answered and not false, of the expected frames; ``false_answers`` is of the judged answers, on as
-    many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
+    ``available`` is answered and not false, of the expected frames; ``outages`` are the long ones of its absences.
+    ``false_answers`` is of the judged answers, on as many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone
+    that holds 95 % of the boresights.
     ``time_ms`` is the identification time of this host for the onboard subject, and where ``time_is_stated`` the
     processing time that the sensor or an external identifier states by its own clock; ``slow`` the share of frames over
     the limit of time. ``outage_s`` is the longest time
@@ -151,6 +153,7 @@ class SubjectStatistics:
 
     subject: Subject
     available: Share
+    outages: Outages
     false_answers: Share
     star_fields: int
     axes: dict[str, AxisStatistics]
@@ -186,7 +189,6 @@ def subject_statistics(
     subject: Subject,
     frames: Columns,
     answers: SubjectAnswers,
-    frames_lost: int,
     limit_ms: float,
     field_rad: float,
 ) -> SubjectStatistics:
@@ -204,10 +206,13 @@ def subject_statistics(
     good = counted.answered & ~counted.false
     timed_frames = ~counted.excluded
     kept_ns = frames["utc_ns"][timed_frames]
+    never_came = counted.never_came[counted.expected]
+    available, outages = available_share(good[counted.expected], missing=never_came, unplaced=counted.unplaced)
     timed = answers.time_ms[np.isfinite(answers.time_ms)]
     return SubjectStatistics(
         subject=subject,
-        available=available_share(good[counted.expected], missing=frames_lost),
+        available=available,
+        outages=outages,
         false_answers=_share(counted.false[counted.judged]),
         star_fields=_star_fields(answers.columns["ra_deg"][used], answers.columns["de_deg"][used], field_rad),
         axes=axes,
@@ -246,15 +251,6 @@ def _thermal(
     used_ns: NDArray[np.int64], errors: Callable[[Axis], NDArray[np.float64]], temperature_c: NDArray[np.float32]
 ) -> dict[str, ThermalError | None]:
     return {axis.key: thermal_error(used_ns, errors(axis), temperature_c) for axis in OF_SENSOR}
-
-
-def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:
-    """The share of good answers among frames (M,) in their order and ``missing`` ones, on its effective number.
-
-    Outages last: frames that follow each other are not independent.
-    """
-    of = len(good) + missing
-    return share_of(int(good.sum()), of, effective_number(good) * of / len(good) if len(good) else None)
 
 
 def _share(happened: NDArray[np.bool_]) -> Share:

@@ -17,11 +17,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.exclusions import Cause, excluded
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.statistics.availability import LONGEST_S
+from gse.statistics.counted_frames import after_suspensions
 from gse.statistics.decision import Outcome, Row
 from gse.statistics.sensor_answers import not_compared
 from gse.statistics.sensor_convention import is_wrong
@@ -45,8 +46,6 @@ _WINDOW = 15
 """Frames that tell the usual time between two: a sensor may be told to send more or fewer of them."""
 _ALIKE = 1.4
 """Where no time is longer than another by this factor, none holds two frames: 1.5 is rounded to two."""
-LONGEST_S = 60.0
-"""A longer time without a frame is a pause of the session, which its events and plots show."""
 FEW_RESTARTS = 2
 """A sensor that is switched on again, or loses its power for a moment, has an event; one that starts anew again
 and again was away."""
@@ -170,10 +169,10 @@ def _beyond_stated(turn_rad: NDArray[np.float64], stated: Mount) -> bool:
 
 def _missing_frames(session: SessionData, stats: Statistics) -> Iterator[str]:
     frames = session.frames.columns
-    told = session.panoramas_lost
+    told = int(stats.counted.never_came.sum()) + stats.counted.unplaced
     pauses = [item for item in stats.counted.exclusions if item.cause in (Cause.OPERATOR, Cause.NO_SKY)]
     excused = excluded(frames["utc_ns"], pauses)
-    excused[_after_suspensions(session)] = True
+    excused[after_suspensions(session)] = True
     untold = missing_by_time(frames, excused) - told
     available = stats.subjects[session.subject].available
     if untold > 0 and available.count < session.station.limits.availability * (available.of + untold):
@@ -181,13 +180,6 @@ def _missing_frames(session: SessionData, stats: Statistics) -> Iterator[str]:
             f"by time {untold} frames are missing that no sequence number tells, so the availability is not known: the "
             "sensor left them out, was silent or started anew; a pause that was meant is left out with --leave-out"
         )
-
-
-def _after_suspensions(session: SessionData) -> list[int]:
-    """Rows of the first frame after each time in which the host slept, and not the sensor."""
-    steps = clock_steps(session.events)
-    rows = first_rows(session.frames.columns["host_utc_ns"], steps)
-    return [row for row, step in zip(rows, steps, strict=True) if step.utc_kept and row < len(session.frames)]
 
 
 def missing_by_time(frames: Columns, excused: NDArray[np.bool_] | None = None) -> int:

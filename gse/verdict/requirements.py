@@ -112,17 +112,19 @@ class ByBounds:
 class ByShare:
     """A share of frames that must not exceed its limit, or must reach it (``at_least``): decided by its exact bounds.
 
-    ``column`` is the name of the share in the tables of a data set; ``beside`` joins the reason.
+    ``column`` is the name of the share in the tables of a data set; ``beside`` and ``events`` join the reason.
     """
 
     share: Callable[[SubjectStatistics], Share]
     column: str
     at_least: bool = False
     beside: Callable[[Case], str] = lambda _: ""
+    events: Callable[[Case], str] = lambda _: ""
 
     def row(self, asked: Criterion, case: Case) -> Row:
         """The row of one subject."""
-        return judge_share(asked, self.share(case.subject), at_least=self.at_least, beside=self.beside(case))
+        words = {"beside": self.beside(case), "events": self.events(case)}
+        return judge_share(asked, self.share(case.subject), at_least=self.at_least, **words)
 
     def times_left(self, row: Row, subject: SubjectStatistics) -> float:
         """Further lengths of the session after which an undecided row is decided."""
@@ -337,6 +339,12 @@ def _lost(case: Case) -> str:
     return f", {lost} of which never came" if lost else ""
 
 
+def _outages(case: Case) -> str:
+    """The outages where they make most of what is missing."""
+    outages, available = case.subject.outages, case.subject.available
+    return str(outages) if 2 * outages.frames > available.of - available.count else ""
+
+
 def _star_fields(case: Case) -> str:
     count = case.subject.star_fields
     return f" in {count} star field{'' if count == 1 else 's'}" if count else ""
@@ -346,7 +354,7 @@ AVAILABILITY = Requirement(
     name="availability",
     limit="availability",
     claim=Claim.ABSENCE,
-    decided=ByShare(lambda subject: subject.available, "available", at_least=True, beside=_lost),
+    decided=ByShare(lambda subject: subject.available, "available", at_least=True, beside=_lost, events=_outages),
     says="share of the expected frames with an answer that is not false, at least",
     core=True,
     plan=_answered,

@@ -373,7 +373,9 @@ def test_the_frames_that_are_missing_by_time_are_counted():
 def test_the_availability_is_open_only_where_frames_missing_by_time_would_break_its_limit(missing, is_open):
     """95 of 100 keep a limit of 95 %, 94 of 100 do not."""
     made, whole = session(0), session(100).frames.columns.rows()
-    made.frames.extend(np.delete(whole, np.s_[40 : 40 + missing]), np.zeros(0, MATCH))
+    rows = np.delete(whole, np.s_[40 : 40 + missing])
+    rows["frame_no"] = np.arange(len(rows))
+    made.frames.extend(rows, np.zeros(0, MATCH))
     lines = [line for line in obstacles(made, statistics(made), ()) if line.startswith("by time")]
     assert bool(lines) is is_open
     assert all("by time 6 frames are missing that no sequence number tells" in line for line in lines)

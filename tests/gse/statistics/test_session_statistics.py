@@ -90,7 +90,7 @@ def test_frames_that_the_sequence_misses_were_expected_and_are_not_available():
     stats = statistics(made)
     assert stats.frames_expected == 16
     assert stats.onboard.available.value == 10 / 16
-    assert stats.onboard.available.n_eff == 16  # what is missing was looked for as often
+    assert stats.onboard.available.n_eff < 16  # nobody knows whether they were missing one by one
 
 
 def test_rolls_on_both_sides_of_half_a_turn_scatter_by_little():

@@ -10,14 +10,12 @@ from gse.station.columns import FRAME
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.counted_frames import CountedFrames
-from gse.statistics.sampling import effective_number
 from gse.statistics.subject_statistics import (
     SubjectAnswers,
     _earth_rate,
     _mean_abs_d_ra_deg,
     _star_fields,
     about_circular_mean,
-    available_share,
     figure_of,
     subject_statistics,
     thermal_error,
@@ -50,15 +48,16 @@ def answers(count=10, **changes):
     columns = {axis.column: 100.0 * place + np.arange(count) for place, axis in enumerate(ALL_AXES, 1)}
     columns |= {"ra_deg": np.zeros(count), "de_deg": np.zeros(count)}
     times = np.full(count, np.nan)
-    counted = CountedFrames(every, every, ~every, ~every, every, every, ())
+    never_came = np.zeros(count, dtype=np.int64)
+    counted = CountedFrames(every, every, ~every, ~every, every, never_came, 0, every, ())
     masks = {name: changes.pop(name) for name in [*changes] if name in CountedFrames.__slots__}
     usual = SubjectAnswers(columns, replace(counted, **masks), times, times, False)
     return replace(usual, **changes)
 
 
-def found(given, rows=None, *, lost=0, limit_ms=100.0, field_rad=0.25):
+def found(given, rows=None, *, limit_ms=100.0, field_rad=0.25):
     made = frames() if rows is None else rows
-    return subject_statistics(Subject.SENSOR, made, given, lost, limit_ms, field_rad)
+    return subject_statistics(Subject.SENSOR, made, given, limit_ms, field_rad)
 
 
 def test_errors_are_those_of_the_used_frames_in_the_order_of_time():
@@ -76,9 +75,11 @@ def test_errors_are_those_of_the_used_frames_in_the_order_of_time():
 
 
 def test_an_expected_frame_that_was_answered_well_is_available_and_a_lost_one_is_not():
-    """Nine are expected and two lost; of the nine two have no answer and one a false one."""
-    stats = found(answers(expected=~mask(7), answered=~mask(1, 2, 8), false=mask(3)), lost=2)
-    assert (stats.available.count, stats.available.of) == (5, 11)
+    """Nine are expected, of which two have no answer and one a false one; two never came before one, and two ever."""
+    never_came = np.array([0, 0, 2, 0, 0, 0, 0, 9, 0, 0])
+    counted = {"expected": ~mask(7), "answered": ~mask(1, 2, 8), "false": mask(3)}
+    stats = found(answers(**counted, never_came=never_came, unplaced=2))
+    assert (stats.available.count, stats.available.of) == (5, 13)
 
 
 def test_false_answers_are_of_all_that_are_judged_whether_they_were_expected_or_not():
@@ -155,7 +156,7 @@ def test_nothing_used_gives_no_number():
     assert math.isnan(stats.earth_rate.measured_arcsec_per_s)
     assert stats.earth_rate.expected_arcsec_per_s == pytest.approx(15.041067, abs=1e-6)
     assert stats.star_fields == 0
-    empty = found(answers(0), frames([]), lost=3)
+    empty = found(answers(0, unplaced=3), frames([]))
     assert (empty.available.count, empty.available.of) == (0, 3)
     assert empty.first_fixes_s == ()
 
@@ -184,15 +185,6 @@ def test_an_unknown_convention_leaves_no_error_and_no_false_answer():
     assert not plain.judged.any()
     assert not plain.used.any()
     assert plain.answered.all()
-
-
-def test_an_outage_that_lasts_counts_as_few_independent_frames_and_lost_ones_as_many_as_they_are():
-    good = np.arange(200) >= 60
-    share = available_share(good, missing=50)
-    assert (share.count, share.of) == (140, 250)
-    assert share.n_eff == pytest.approx(effective_number(good) * 250 / 200)
-    assert share.n_eff < 100
-    assert available_share(np.zeros(0, dtype=bool), missing=4).n_eff == 4.0
 
 
 @pytest.mark.parametrize("turns", [0.0, 0.9999, -0.5, 0.25, 0.6])

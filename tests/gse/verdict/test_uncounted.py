@@ -110,9 +110,11 @@ def test_the_rate_is_that_of_the_fifteen_frames_about_a_pause():
 
 
 def night(missing=6, *, lost=0):
-    """A hundred frames less some in the middle."""
+    """A hundred frames less some in the middle, which the sensor's own numbers do not tell."""
     made, whole = session(0), session(100).frames.columns.rows()
-    made.frames.extend(np.delete(whole, np.s_[40 : 40 + missing]), np.zeros(0, MATCH))
+    rows = np.delete(whole, np.s_[40 : 40 + missing])
+    rows["frame_no"] = np.arange(len(rows))
+    made.frames.extend(rows, np.zeros(0, MATCH))
     made.link.frames_lost = lost
     return made
 

@@ -21,6 +21,7 @@ from gse.station.exclusions import Cause, Exclusion
 from gse.station.own_answers import own_truth, sensor_answers
 from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
+from gse.statistics.availability import Outages
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.clock_health import clock_health, stated_error_s
 from gse.statistics.decision import Outcome, Row, share_of
@@ -722,6 +723,7 @@ def rows_of(subject=Subject.ONBOARD, *, star_fields=0, lost=0, relative=False, *
         axes=dict.fromkeys(("d_ra_cosde", "d_de", "d_roll"), AXIS),
         half_cone_95=AXIS,
         available=share_of(900, 1000),
+        outages=Outages(),
         false_answers=share_of(50, 900),
         star_fields=star_fields,
         time_is_stated=False,
