@@ -19,10 +19,11 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import now
 from drivers.errors import PortError
 from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
-from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, is_device, open_port, ports_here
+from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, is_device, is_of_an_adapter, open_port, ports_here
 from drivers.session_file.records import MessageWriter, RecordedMessage
 
-# Reopening of a lost port: under its name, or its USB adapter under another name.
+# Reopening of a lost port: under its name, or its USB adapter under another name. Never another adapter that has got
+# its name meanwhile: that is another sensor.
 
 FIRST_PAUSE_S = 0.1
 LONGEST_PAUSE_S = 5.0
@@ -37,37 +38,70 @@ class PortFinder:
     def __init__(self, url: str, baudrate: int, list_ports: Callable[[], list[PortInfo]]) -> None:
         self._url, self._baudrate, self._list_ports = url, baudrate, list_ports
         self._adapter: PortInfo | None = None
+        self._tell: Callable[[PortInfo, PortInfo], None] = lambda here, expected: None
+        self._told: set[object] = set()
 
     def remember(self, port: serial.Serial) -> None:
         """Note the USB identity of the port, if it has one."""
-        device = os.path.realpath(str(port.port))
-        known = (info for info in self._list_ports() if os.path.realpath(info.device) == device)
-        self._adapter = next((info for info in known if info.serial_number), self._adapter)
+        self._adapter = self._at(str(port.port)) or self._adapter
 
-    def open_again(self, stop: threading.Event) -> tuple[str, serial.Serial] | None:
-        """Wait for the port: its name now and the open port; None when ``stop`` is set first."""
+    @property
+    def adapter(self) -> PortInfo | None:
+        """The adapter of the port that was open, where it is known."""
+        return self._adapter
+
+    def open_again(
+        self, stop: threading.Event, tell: Callable[[PortInfo, PortInfo], None]
+    ) -> tuple[str, serial.Serial] | None:
+        """Wait for the port: its name now and the open port; None when ``stop`` is set first.
+
+        ``tell`` gets each adapter that has the port's name and is another one, and the one that is waited for.
+        """
         pause_s = FIRST_PAUSE_S
+        self._tell, self._told = tell, set()
         while not stop.is_set():
             url = self._where()
             if url is not None:
                 try:
-                    return url, open_port(url, self._baudrate)
+                    port = open_port(url, self._baudrate)
                 except PortError:
                     # Missing, not ready, or busy: try again.
                     pass
+                else:
+                    if not self._is_other(str(port.port)):
+                        return url, port
+                    _close(port)
             self._pause(pause_s, stop, is_absent=url is None)
             pause_s = min(2 * pause_s, LONGEST_PAUSE_S if is_device(self._url) else LONGEST_BLIND_PAUSE_S)
         return None
 
     def _where(self) -> str | None:
         """The URL to try: the present one of the adapter, else the original one; None while the port is missing."""
-        if not is_device(self._url):
+        if not is_of_an_adapter(self._url):
             return self._url
-        if self._adapter is not None:
+        if self._adapter is not None and self._adapter.serial_number:
             for port in self._list_ports():
                 if port.is_same_adapter(self._adapter):
                     return port.device
-        return self._url if os.path.exists(self._url) else None
+        if not is_device(self._url):
+            return self._url if self._adapter is None or not self._adapter.serial_number else None
+        return self._url if os.path.exists(self._url) and not self._is_other(self._url) else None
+
+    def _at(self, device: str) -> PortInfo | None:
+        """The port of a device name, if it is listed and has a USB identity."""
+        real = os.path.realpath(device)
+        known = (port for port in self._list_ports() if port.vid is not None)
+        return next((port for port in known if os.path.realpath(port.device) == real), None)
+
+    def _is_other(self, device: str) -> bool:
+        """Whether a device is certainly not the adapter that is waited for; each such is told once."""
+        here = self._at(device) if self._adapter is not None else None
+        if self._adapter is None or here is None or not here.is_other_adapter(self._adapter):
+            return False
+        if here.identity not in self._told:
+            self._told.add(here.identity)
+            self._tell(here, self._adapter)
+        return True
 
     def _pause(self, pause_s: float, stop: threading.Event, *, is_absent: bool) -> None:
         until_s = time.monotonic() + pause_s
@@ -343,15 +377,25 @@ class _Receiver:
         self._report(LinkKind.LOST, f"{self._url} is gone ({why}); waiting for it to come back")
 
     def _reopen(self) -> None:
-        found = self._finder.open_again(self._stop)
+        found = self._finder.open_again(self._stop, self._report_other)
         if found is None:
             return
         url, self._port = found
         self._finder.remember(self._port)
         name = self._url if url == self._url else f"{self._url}, now named {url},"
-        self._report(LinkKind.REOPENED if self._opened_before else LinkKind.OPENED, f"{name} is open")
+        adapter = self._finder.adapter
+        unknown = self._opened_before and adapter is not None and not adapter.serial_number
+        also = "; its adapter has no serial number: make sure that it is the same sensor" if unknown else ""
+        self._report(LinkKind.REOPENED if self._opened_before else LinkKind.OPENED, f"{name} is open{also}")
         self._opened_before = True
         self._opened_ns = time.monotonic_ns()
+
+    def _report_other(self, here: PortInfo, expected: PortInfo) -> None:
+        self._report(
+            LinkKind.OTHER_ADAPTER,
+            f"{here.device} is another adapter now ({here}): waiting for that of this session ({expected}); for "
+            "another sensor start another session",
+        )
 
 
 def _read(port: serial.Serial) -> bytes:

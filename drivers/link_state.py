@@ -151,7 +151,10 @@ class LinkMonitor:
             return self._change(LinkKind.STALE, due_ns, self._nothing_comes())
         self._silence_reported = True
         if self.state == LinkKind.WAITING:
-            text = f"the port is open, but no bytes for {self._patience_ns / _NS:g} s: check the sensor, send START"
+            text = (
+                f"the port is open, but no bytes for {self._patience_ns / _NS:g} s: check the sensor, send START; if "
+                "it is another sensor's port, 'gse ports' shows names that stay"
+            )
             return [self._event(LinkKind.SILENT, due_ns, text)]
         if self.state == LinkKind.SYNCING:
             return [self._event(LinkKind.NO_FRAMES, due_ns, self._why_no_frames())]

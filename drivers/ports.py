@@ -18,6 +18,8 @@ from drivers.urlhandlers.network_ports import Rfc2217Port, SocketPort
 
 MOCKS = ("replay://", "sim://")
 _ON_THE_NET = {"socket://": SocketPort, "rfc2217://": Rfc2217Port}
+_BY_ID = Path("/dev/serial/by-id")
+"""Where udev keeps a link for each USB adapter, named after its maker, product, serial number and interface."""
 READ_TIMEOUT_S = 0.2
 """How long a read waits for the first byte: also how long closing takes where a read cannot be cancelled."""
 WRITE_TIMEOUT_S = 1.0
@@ -28,27 +30,68 @@ serial.protocol_handler_packages.append("drivers.urlhandlers")
 
 @dataclass(frozen=True, slots=True)
 class PortInfo:
-    """One serial port: its device, its description, and its USB identity if it has one."""
+    """One serial port: its device, its description, and its USB identity if it has one.
+
+    ``interface`` tells the ports of one adapter apart, ``by_id`` is the name that udev gives it, whatever its number.
+    """
 
     device: str
     description: str
     vid: int | None = None
     pid: int | None = None
     serial_number: str | None = None
+    interface: str | None = None
+    by_id: str | None = None
+
+    @property
+    def identity(self) -> tuple[int | None, int | None, str | None, str | None]:
+        """What is the same under any device name."""
+        return self.vid, self.pid, self.serial_number, self.interface
 
     def is_same_adapter(self, other: "PortInfo") -> bool:
-        """Whether both are the same USB adapter, under whatever name; False where that cannot be known."""
-        mine = (self.vid, self.pid, self.serial_number)
-        return bool(self.serial_number) and mine == (other.vid, other.pid, other.serial_number)
+        """Whether both are the same port of one USB adapter, under whatever name; False where that cannot be known."""
+        return bool(self.serial_number) and self.identity == other.identity
+
+    def is_other_adapter(self, other: "PortInfo") -> bool:
+        """Whether both are certainly different ones; two of a kind without serial numbers cannot be told apart."""
+        return self.vid is not None and other.vid is not None and self.identity != other.identity
+
+    @property
+    def url_that_stays(self) -> str | None:
+        """A URL of this very adapter, whatever its device is called after it was plugged in again; None without one."""
+        if self.by_id is not None:
+            return self.by_id
+        return f"hwgrep://{self.serial_number}" if self.serial_number and self.serial_number.isalnum() else None
+
+    def __str__(self) -> str:
+        number = f"serial number {self.serial_number}" if self.serial_number else "without a serial number"
+        return f"{self.description or 'no description'}, {number}"
 
 
 def ports_here() -> list[PortInfo]:
     """The serial ports that the system knows, sorted by device."""
+    stable = names_by_id(_BY_ID)
     found = (
-        PortInfo(port.device, _described(port.description), port.vid, port.pid, port.serial_number)
+        PortInfo(
+            port.device,
+            _described(port.description),
+            port.vid,
+            port.pid,
+            port.serial_number,
+            (port.location or "").partition(":")[2] or None,
+            stable.get(os.path.realpath(port.device)),
+        )
         for port in list_ports.comports()
     )
     return sorted(found, key=lambda port: port.device)
+
+
+def names_by_id(folder: Path) -> dict[str, str]:
+    """The links of a folder by the devices that they name; empty where there is no such folder."""
+    try:
+        return {os.path.realpath(link): str(link) for link in sorted(folder.iterdir())}
+    except OSError:
+        return {}
 
 
 def holders(device: str) -> list[str]:
@@ -94,6 +137,11 @@ def is_accessible(device: str) -> bool:
 def is_device(url: str) -> bool:
     """Whether a URL is the plain name of a device."""
     return "://" not in url
+
+
+def is_of_an_adapter(url: str) -> bool:
+    """Whether a URL stands for one of this computer's ports, which an adapter may have."""
+    return is_device(url) or url.lower().startswith("hwgrep://")
 
 
 def open_port(url: str, baudrate: int) -> serial.Serial:

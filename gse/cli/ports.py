@@ -14,8 +14,8 @@ from drivers.ports import PortInfo, holders, is_accessible, ports_here
 def command(as_json: bool) -> None:
     """List the serial ports with their description and the program that holds each.
 
-    In a station file, name a port by its device (/dev/ttyUSB0), or by a part of its description: hwgrep://FT232 finds
-    the adapter under any device name.
+    A device name (/dev/ttyUSB0) is that of whichever adapter comes first. In a station file give the name that stays,
+    which is shown below it, or a part of the description: hwgrep://FT232 finds the adapter under any device name.
     """
     found = [_facts(port) for port in ports_here()]
     if as_json:
@@ -23,12 +23,15 @@ def command(as_json: bool) -> None:
         return
     for facts in found:
         click.echo(f"{facts['device']:<16} {_text(facts)}")
+        if facts["url_that_stays"]:
+            click.echo(f"{'':<16} port.url: {facts['url_that_stays']}")
     if not found:
         click.echo("no serial ports found: plug in the adapter, or use the simulated sensor sim://", err=True)
 
 
 def _facts(port: PortInfo) -> dict[str, Any]:
-    return asdict(port) | {"holders": holders(port.device), "accessible": is_accessible(port.device)}
+    state = {"holders": holders(port.device), "accessible": is_accessible(port.device)}
+    return asdict(port) | {"url_that_stays": port.url_that_stays} | state
 
 
 def _text(facts: dict[str, Any]) -> str:

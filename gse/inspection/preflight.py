@@ -14,7 +14,7 @@ from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.link import SerialLink
 from drivers.link_state import SAMPLE_BYTES
-from drivers.ports import is_device, is_mock
+from drivers.ports import PortInfo, is_device, is_mock, ports_here
 from drivers.uart import USUAL_BAUDS
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
@@ -144,13 +144,21 @@ def _port(station: Station) -> Check:
     except ProtocolError:
         return Check("port", CheckOutcome.WARN, f"{url} opens; without a valid protocol its bytes cannot be checked")
     if frames:
-        return Check("port", CheckOutcome.OK, f"{url} at {baudrate}: valid frames come")
+        return Check("port", CheckOutcome.OK, f"{url} at {baudrate}: valid frames come", _stays(url, ports_here()))
     return Check(
         "port",
         CheckOutcome.WARN,
         f"{url} opens, but no bytes came within {LISTEN_S:g} s",
         "check the sensor's power; ask it with 'gse sensor status', start it with 'gse sensor start'",
     )
+
+
+def _stays(url: str, ports: list[PortInfo]) -> str:
+    """Advice for the name of a USB adapter that another one may get; empty where the name stays."""
+    for port in ports:
+        if port.device == url and port.url_that_stays:
+            return f"write port.url: {port.url_that_stays} in the station file: {url} can be another adapter tomorrow"
+    return ""
 
 
 def _unreadable(station: Station, protocol: Protocol, sample: bytes) -> Check:

@@ -16,6 +16,7 @@ class StationKind(StrEnum):
     """Events of the processing, of truth, of the host and of the sky."""
 
     SENSOR_RESET = "SENSOR_RESET"
+    OTHER_SENSOR = "OTHER_SENSOR"
     SEQUENCE_CHAOS = "SEQUENCE_CHAOS"
     CLOCK_STEP = "CLOCK_STEP"
     MIRRORED = "MIRRORED"

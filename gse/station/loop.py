@@ -83,6 +83,7 @@ from gse.values.mount import InertialDirection
 from gse.values.panorama import Panorama, Panoramas
 from gse.values.shown import ShownSky
 from gse.values.site import Site
+from protocols import StatusMessage
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -256,6 +257,7 @@ class StationLoop:
         self._recorded = recorded
         self.ahead: Executor | None = None
         self._waiting: deque[_Asked | News] = deque()
+        self._serial = 0
         self.listeners: Sequence[Listener] = ()
         self.most_at_once = MOST_AT_ONCE
         align_s = station.mount.align_s
@@ -399,9 +401,10 @@ class StationLoop:
         """Panoramas that follow each other, with what identifies them, and the news between them."""
         first = 0
         for before, item in received.news:
-            if self._has_place(item):
+            placed = self._placed(item)
+            if placed is not None:
                 yield from self._asked(received.panoramas.part(first, before))
-                yield item
+                yield placed
                 first = before
         yield from self._asked(received.panoramas.part(first, len(received.panoramas)))
 
@@ -428,14 +431,24 @@ class StationLoop:
             self._store(results)
             yield results
 
-    def _has_place(self, item: News) -> bool:
-        """Whether an item has a place among the results: STATUS messages and answers to panoramas are only stored."""
+    def _placed(self, item: News) -> News | None:
+        """What of an item has a place among the results: STATUS messages and answers to panoramas are only stored."""
         if isinstance(item, OwnAnswer):
             self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
-            return item.utc_ns is not None
-        if isinstance(item, tuple) and len(self.session.statuses) < MOST_STATUSES:
-            self.session.statuses.append(item)
-        return isinstance(item, LinkEvent)
+            return item if item.utc_ns is not None else None
+        if isinstance(item, tuple):
+            return self._take_status(*item)
+        return item if isinstance(item, LinkEvent) else None
+
+    def _take_status(self, utc_ns: int, message: StatusMessage) -> LinkEvent | None:
+        """Store a STATUS message; a serial number that changes is an event."""
+        if len(self.session.statuses) < MOST_STATUSES:
+            self.session.statuses.append((utc_ns, message))
+        before, self._serial = self._serial, message.serial or self._serial
+        if before in (0, self._serial):
+            return None
+        text = f"the sensor says that it is number {self._serial}, it was {before} before: two sensors in one session"
+        return LinkEvent(utc_ns, 0, StationKind.OTHER_SENSOR, text)
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""

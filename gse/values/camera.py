@@ -114,7 +114,7 @@ class Camera:
         reach_px = math.hypot(max(x + half, self.columns - half - x), max(y + half, self.rows - half - y))
         with np.errstate(all="ignore"):
             far = np.sqrt((undistorted**2).sum(axis=1)) / reach_px
-            offset = undistorted / np.maximum(far, 1.0)[:, None]
+            offset: NDArray[np.float64] = undistorted / np.maximum(far, 1.0)[:, None]
             active = np.flatnonzero(np.isfinite(far))
             for _ in range(_MOST_STEPS):
                 step = self._step(offset[active], undistorted[active])

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.events import StationKind
 from gse.station.exclusions import Cause, excluded
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
@@ -67,6 +68,7 @@ def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) ->
     yield from _stars_by_day(session, stats)
     if is_wrong(stats.convention, session.station.sensor.attitude):
         yield "sensor: its answers follow another convention than the station file states, so they were not compared"
+    yield from _other_sensor(session)
     yield from _no_temperature(session)
     yield from _untested_core(rows)
 
@@ -80,6 +82,13 @@ def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
     ]
     if not any(core <= names for names in tested):
         yield NOTHING_COMPARED
+
+
+def _other_sensor(session: SessionData) -> Iterator[str]:
+    """What one sensor showed says nothing of another."""
+    told = [event for event in session.events if event.kind == StationKind.OTHER_SENSOR]
+    if told:
+        yield f"{told[0].text}; judge the sensors one by one: 'gse session trim' parts the session"
 
 
 def _no_temperature(session: SessionData) -> Iterator[str]:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from devices.terminal import Terminal
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
 from drivers.link import NOT_RUN_NS, SerialLink, _read
-from drivers.ports import PortInfo, explain, holders
+from drivers.ports import PortInfo, explain, holders, names_by_id
 from drivers.session_file.reader import messages
 from drivers.session_file.records import EVENTS, RX, TX
 from drivers.session_file.writer import CaptureWriter
@@ -165,6 +166,63 @@ def test_a_usb_adapter_is_found_again_under_another_name(tmp_path: Path) -> None
     assert data_of(items) == b"onetwo"
     assert f"now named {second.path}" in [i for i in items if isinstance(i, LinkEvent)][-1].text
     second.unplug()
+
+
+FTDI_A = (0x403, 0x6001, "A50285BI")
+OTHERS = {
+    "of its kind": (0x403, 0x6001, "B60396CJ"),
+    "of its kind without a number": (0x403, 0x6001, None),
+    "another port of the same": (*FTDI_A, "1.1"),
+    "of another kind": (0x1A86, 0x7523, None),
+}
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_another_adapter_under_the_name_of_the_lost_one_is_told_once_and_not_read(tmp_path: Path, other: str) -> None:
+    name, elsewhere = Terminal(tmp_path / "ttyUSB0"), Terminal(tmp_path / "ttyUSB1")
+    ours = PortInfo(str(name.path), "FT232R", *FTDI_A)
+    present = [ours]
+    with SerialLink(str(name.path), list_ports=lambda: present) as link:
+        name.write(b"one")
+        items = fetch(link, lambda got: data_of(got) == b"one")
+        present[:] = [PortInfo(str(name.path), "other", *OTHERS[other])]
+        name.unplug()
+        name.plug(b"another sensor's")
+        items += fetch(link, lambda got: "OTHER_ADAPTER" in kinds_of(got))
+        present.append(replace(ours, device=str(elsewhere.path)))
+        elsewhere.write(b"two")
+        items += fetch(link, lambda got: data_of(got) == b"two")
+    assert data_of(items) == b"onetwo"
+    assert kinds_of(items) == ["OPENED", "LOST", "OTHER_ADAPTER", "REOPENED"]
+    told = next(item.text for item in items if isinstance(item, LinkEvent) and item.kind == "OTHER_ADAPTER")
+    assert "waiting for that of this session (FT232R, serial number A50285BI)" in told
+
+
+def test_adapters_of_a_kind_without_serial_numbers_look_the_same_and_the_operator_is_told(tmp_path: Path) -> None:
+    terminal = Terminal(tmp_path / "ttyUSB0")
+    present = [PortInfo(str(terminal.path), "CH340", 0x1A86, 0x7523)]
+    with SerialLink(str(terminal.path), list_ports=lambda: present) as link:
+        items = fetch(link, lambda got: "OPENED" in kinds_of(got))
+        terminal.unplug()
+        terminal.plug(b"two")
+        items += fetch(link, lambda got: data_of(got) == b"two")
+    *_, reopened = [item for item in items if isinstance(item, LinkEvent)]
+    assert reopened.text.endswith("its adapter has no serial number: make sure that it is the same sensor")
+    terminal.unplug()
+
+
+def test_an_adapter_has_a_url_that_stays(tmp_path: Path) -> None:
+    terminal = Terminal(tmp_path / "ttyUSB0")
+    (tmp_path / "by-id").mkdir()
+    link = tmp_path / "by-id" / "usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
+    link.symlink_to(terminal.path)
+    assert names_by_id(tmp_path / "by-id") == {os.path.realpath(terminal.path): str(link)}
+    assert names_by_id(tmp_path / "none") == {}
+    plain = PortInfo(str(terminal.path), "FT232R", *FTDI_A)
+    assert replace(plain, by_id=str(link)).url_that_stays == str(link)
+    assert plain.url_that_stays == "hwgrep://A50285BI"
+    assert replace(plain, serial_number=None).url_that_stays is None
+    terminal.unplug()
 
 
 def test_a_port_that_is_not_there_yet_can_be_waited_for(tmp_path: Path) -> None:

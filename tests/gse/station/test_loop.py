@@ -56,11 +56,9 @@ def at(seconds: int) -> tuple[int, int]:
     return START_NS + seconds * NS_PER_S, seconds * NS_PER_S
 
 
-def status(time_us: int = 1) -> bytes:
-    message = StatusMessage(
-        time_us=time_us, temperature_c=20.0, supply_v=5.0, mode="streaming", firmware=(1, 2, 3), serial=1
-    )
-    return load_protocol("panorama-v1").encode(message, sequence=1)
+def status(time_us: int = 1, serial: int = 1) -> bytes:
+    told = {"temperature_c": 20.0, "supply_v": 5.0, "mode": "streaming", "firmware": (1, 2, 3)}
+    return load_protocol("panorama-v1").encode(StatusMessage(time_us=time_us, serial=serial, **told), sequence=1)
 
 
 def test_a_silence_before_the_port_is_lost_has_its_place_before_it_in_a_replay_too() -> None:
@@ -254,6 +252,18 @@ def test_events_of_a_kind_beyond_a_thousand_are_counted_and_every_one_is_heard(s
     loop.on_event(event(1, "LOST"))
     assert (len(loop.session.events), loop.session.events_not_kept) == (1001, 3)
     assert (loop.session.link.reconnects, len(heard.told)) == (1003, 2008)
+
+
+def test_a_sensor_that_names_itself_otherwise_than_before_is_an_event_and_one_that_names_no_number_is_none(
+    setup: Setup,
+) -> None:
+    loop = StationLoop(setup)
+    loop.take([Chunk(*at(second), status(serial)) for second, serial in enumerate((7, 0, 7, 8, 0, 8))])
+    told = [event for event in loop.session.events if event.kind == "OTHER_SENSOR"]
+    assert [event.text for event in told] == [
+        "the sensor says that it is number 8, it was 7 before: two sensors in one session"
+    ]
+    assert told[0].utc_ns == at(3)[0]
 
 
 def test_so_many_statuses_are_kept_and_have_no_place_among_the_results(setup: Setup) -> None:

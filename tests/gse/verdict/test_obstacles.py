@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, session
 
+from drivers.chunk import LinkEvent
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import Subject
 from gse.statistics.decision import Outcome, Row
@@ -67,6 +68,14 @@ def test_one_subject_must_have_all_rows_of_the_core(steady, rows, is_open):
 
 
 # Telemetry
+
+
+def test_a_session_of_two_sensors_cannot_pass(steady):
+    text = "the sensor says that it is number 8, it was 7 before: two sensors in one session"
+    told = [LinkEvent(START_NS, 0, "OTHER_SENSOR", text)]
+    assert lines(replace(steady, events=told)) == [
+        f"{text}; judge the sensors one by one: 'gse session trim' parts the session"
+    ]
 
 
 def test_a_temperature_that_is_no_number_is_told_and_one_that_the_protocol_lacks_is_not(steady):
