@@ -21,7 +21,8 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -117,10 +118,15 @@ _FILES = {
 }
 _OWN_ADDRESSES = ("127.0.0.1", "::1")
 _MOST_MESSAGE_BYTES = 1 << 10
-_PIECE_BYTES = 1 << 20
+_PART_BYTES = 64 << 10
+"""What of a large answer is in memory for a connection: the next part is written when the socket has taken this one."""
+_STUCK_S = 20.0
+"""A connection that does not take one part in this time is closed; 3 kB/s carries no viewer of 43 MB."""
+MOST_PIECES = 8
+"""Pieces of a running session on their way at once; each is a copy of some MB."""
 _PLACE = re.compile(r"([\w-]{1,64}\.\d{1,9})?", re.ASCII)
 _WRONG_TOKEN_S = 1.0
-"""The pause after a wrong token, for all senders together: four thousand million of them cannot be tried."""
+"""The pause after a wrong token, for all requests of an address: four thousand million of them cannot be tried."""
 
 
 class PieceAfter(Protocol):
@@ -154,11 +160,36 @@ class Serving(Protocol):
     opened: bool
     content: Content
 
-    def join(self, browser: WebSocketHandler) -> bool: ...
+    def join(self, browser: WebSocketHandler) -> None: ...
 
     def ask(self, browser: WebSocketHandler) -> None: ...
 
     def leave(self, browser: WebSocketHandler) -> None: ...
+
+
+class Guests:
+    """The connections that are served, at most ``most``.
+
+    One more is always taken: for it the oldest of the address with the most of them is closed. So no address can lock
+    out another, and a connection that stays locks out none.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._addresses: dict[IOStream, str] = {}
+
+    def add(self, stream: IOStream, address: str) -> None:
+        """Take a connection."""
+        if len(self._addresses) >= self._most:
+            ((crowded, _),) = Counter(self._addresses.values()).most_common(1)
+            oldest = next(one for one, its_address in self._addresses.items() if its_address == crowded)
+            self.remove(oldest)
+            oldest.close()
+        self._addresses[stream] = address
+
+    def remove(self, stream: IOStream) -> None:
+        """A connection has ended, or is no longer counted."""
+        self._addresses.pop(stream, None)
 
 
 def application(server: Serving) -> Application:
@@ -171,9 +202,9 @@ def application(server: Serving) -> Application:
             *((path, _OwnFile, {**to_server, "name": name}) for path, name in files.items()),
             *((path, _ViewerFile, to_server) for path in MEDIA_TYPES),
             ("/session.rrd", _Recording, to_server),
-            ("/piece.rrd", _Piece, to_server),
+            ("/piece.rrd", _Piece, {**to_server, "guests": Guests(MOST_PIECES)}),
             ("/live", _Live, to_server),
-            ("/note", _Note, {**to_server, "wrong_token": asyncio.Lock()}),
+            ("/note", _Note, {**to_server, "pausing": set()}),
             ("/.*", _Nothing, to_server),
         ],
         websocket_max_message_size=_MOST_MESSAGE_BYTES,
@@ -217,6 +248,21 @@ class _Page(RequestHandler):
 
     def compute_etag(self) -> None:
         """None: hashing the viewer's 43 MB for each request would cost more than it saves."""
+
+    async def send(self, parts: Iterable[bytes]) -> None:
+        """Send a large answer in parts, each when the connection has taken the one before; close one that is stuck."""
+        try:
+            for part in parts:
+                self.write(part)
+                await asyncio.wait_for(self.flush(), _STUCK_S)
+        except (TimeoutError, StreamClosedError):
+            self.stream.close()
+
+    @property
+    def stream(self) -> IOStream:
+        """The connection."""
+        stream: IOStream = self.request.connection.stream  # type: ignore[union-attr]
+        return stream
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         self.set_header("Content-Type", "text/plain; charset=utf-8")
@@ -267,7 +313,12 @@ class _ViewerFile(_Page):
         body = await asyncio.to_thread(lambda: files[path])
         self.set_header("Content-Type", MEDIA_TYPES[path])
         self.set_header("Cache-Control", "private, max-age=31536000, immutable")
-        self.finish(body)
+        self.set_header("Content-Length", str(len(body)))
+        await self.send(_parts(body))
+
+
+def _parts(body: bytes) -> Iterator[bytes]:
+    return (body[start : start + _PART_BYTES] for start in range(0, len(body), _PART_BYTES))
 
 
 class _Recording(_Page):
@@ -279,9 +330,7 @@ class _Recording(_Page):
         self.set_header("Content-Type", "application/octet-stream")
         self.set_header("Content-Length", str(recording.stat().st_size))
         with recording.open("rb") as file:
-            while piece := file.read(_PIECE_BYTES):
-                self.write(piece)
-                await self.flush()
+            await self.send(iter(functools.partial(file.read, _PART_BYTES), b""))
 
 
 class _Piece(_Page):
@@ -294,20 +343,27 @@ class _Piece(_Page):
             self.send_error(HTTPStatus.NOT_FOUND)
             return
         last = bool(self.get_query_argument("last", ""))
-        piece = await asyncio.to_thread(piece_after, place, last=last)
-        self.set_header("Content-Type", "application/octet-stream")
-        self.set_header("X-Place", piece.place)
-        self.set_header("X-Utc-Ns", str(piece.utc_ns))
-        self.finish(piece.rrd)
+        guests: Guests = self.extra["guests"]
+        guests.add(self.stream, self.request.remote_ip or "")
+        try:
+            piece = await asyncio.to_thread(piece_after, place, last=last)
+            self.set_header("Content-Type", "application/octet-stream")
+            self.set_header("Content-Length", str(len(piece.rrd)))
+            self.set_header("X-Place", piece.place)
+            self.set_header("X-Utc-Ns", str(piece.utc_ns))
+            await self.send(_parts(piece.rrd))
+        finally:
+            guests.remove(self.stream)
 
 
 class _Live(_Page, WebSocketHandler):
     """The documents of a running session: one for each time that the browser asks."""
 
     def open(self, *args: str, **kwargs: str) -> None:
-        if self.server.content.glance is None or not self.server.join(self):
-            self.close(1013, "too many browsers")
+        if self.server.content.glance is None:
+            self.close(1013, "no session is running")
             return
+        self.server.join(self)
         self.set_nodelay(True)
         self.server.ask(self)
 
@@ -347,13 +403,20 @@ class _Note(_Page):
         return is_json and self.request.headers.get("Origin", own) == own
 
     async def _allowed(self) -> bool:
-        if self.request.remote_ip in _OWN_ADDRESSES:
+        address = self.request.remote_ip or ""
+        if address in _OWN_ADDRESSES:
             return True
+        pausing: set[str] = self.extra["pausing"]
+        if address in pausing:
+            return False
         given = self.request.headers.get("X-Gse-Token", "")
         if hmac.compare_digest(given.encode(), self.server.token.encode()):
             return True
-        async with self.extra["wrong_token"]:
+        pausing.add(address)
+        try:
             await asyncio.sleep(_WRONG_TOKEN_S)
+        finally:
+            pausing.discard(address)
         return False
 
     def _refuse(self, status: HTTPStatus, reason: str) -> None:
@@ -428,15 +491,18 @@ class ViewServer:
         self._thread.start()
         self._started.wait()
 
-    def join(self, browser: WebSocketHandler) -> bool:
-        """Serve a browser; False where there are too many."""
+    def join(self, browser: WebSocketHandler) -> None:
+        """Serve a browser; where there are too many, the one that was silent longest is left for it."""
         if len(self._browsers) >= MOST_BROWSERS:
-            return False
+            silent = min(self._browsers, key=lambda one: self._browsers[one])
+            self.leave(silent)
+            silent.close(1013, "too many browsers")
         self._browsers[browser] = time.monotonic()
-        return True
 
     def ask(self, browser: WebSocketHandler) -> None:
         """Take a browser's request for the next document; it has shown the one before."""
+        if browser not in self._browsers:  # left for another one
+            return
         self._browsers[browser] = time.monotonic()
         (self._done if browser in self._told else self._waiting).add(browser)
 
@@ -479,6 +545,7 @@ class ViewServer:
         server = _Server(
             application(self),
             idle_connection_timeout=_IDLE_S,
+            body_timeout=_STUCK_S,
             max_header_size=_HEADER_BYTES,
             max_body_size=_BODY_BYTES,
             max_buffer_size=_HEADER_BYTES + _BODY_BYTES,
@@ -549,16 +616,13 @@ class _Server(HTTPServer):
     """tornado's server, with at most MOST_CONNECTIONS."""
 
     def initialize(self, *args: Any, **kwargs: Any) -> None:
-        self._open = 0
+        self._guests = Guests(MOST_CONNECTIONS)
         super().initialize(*args, **kwargs)
 
     def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
-        if self._open >= MOST_CONNECTIONS:
-            stream.close()
-            return
-        self._open += 1
+        self._guests.add(stream, str(address[0]))
         super().handle_stream(stream, address)
 
     def on_close(self, server_conn: object) -> None:
-        self._open -= 1
+        self._guests.remove(server_conn.stream)  # type: ignore[attr-defined]
         super().on_close(server_conn)

@@ -7,7 +7,9 @@ import re
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -21,7 +23,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
-from gse.view.server import _SHOW_VERDICT_S, MOST_BROWSERS, Content, ViewServer
+from gse.view.server import _SHOW_VERDICT_S, _WRONG_TOKEN_S, MOST_BROWSERS, Content, ViewServer
 
 MOST_PAGE_BYTES = 100_000
 
@@ -168,17 +170,24 @@ def test_the_end_does_not_wait_for_a_page_that_is_asleep(glance: Glance) -> None
     assert asyncio.run(fall_asleep()) < _SHOW_VERDICT_S
 
 
-def test_no_more_browsers_than_the_station_can_serve(server: ViewServer) -> None:
-    async def many() -> object:
+def test_one_browser_more_than_the_station_can_serve_takes_the_place_of_the_one_that_was_silent_longest(
+    server: ViewServer,
+) -> None:
+    async def many() -> tuple[object, ...]:
         sockets = [await browser(server) for _ in range(MOST_BROWSERS)]
         for socket in sockets:
             await socket.read_message()
+        await sockets[0].write_message("next")
+        await sockets[0].read_message()
         one_more = await first_message(server)
+        silent = await sockets[1].read_message()
+        await sockets[0].write_message("next")
+        asking = await sockets[0].read_message()
         for socket in sockets:
             await leave(socket)
-        return one_more
+        return one_more is None, silent, asking is None
 
-    assert asyncio.run(many()) is None
+    assert asyncio.run(many()) == (False, None, False)
 
 
 def test_a_note_reaches_the_session_as_one_printable_line(server: ViewServer, notes: Notes) -> None:
@@ -243,6 +252,20 @@ def test_a_note_from_another_address_needs_the_token(glance: Glance, notes: Note
         assert notes.take() == []
         assert from_elsewhere(server, token=server.token)[0] == 200
         assert notes.take() == ["from the roof"]
+
+
+def test_wrong_tokens_are_answered_at_once_while_one_of_their_address_waits(glance: Glance, notes: Notes) -> None:
+    ended_s = []
+
+    def wrong(number: int) -> int:
+        status, _ = from_elsewhere(server, token=f"{number:08x}")
+        ended_s.append(time.monotonic())
+        return status
+
+    with ViewServer("0.0.0.0", 0, Content(glance=glance, notes=notes)) as server, ThreadPoolExecutor(10) as pool:
+        assert set(pool.map(wrong, range(10))) == {403}
+    assert min(after - before for before, after in pairwise(ended_s)) < _WRONG_TOKEN_S / 2
+    assert notes.take() == []
 
 
 def from_elsewhere(server: ViewServer, *, token: str) -> tuple[int, str]:

@@ -1,8 +1,10 @@
 """The web view answers to its own name alone: DNS rebinding, and a Host that would enter a header."""
 
 import http.client
+import os
 import socket
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,8 @@ from skies.synthetic_night import synthetic_night
 
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
-from gse.view.server import Content, ViewServer, names_of_machine
+from gse.view.server import MOST_CONNECTIONS, Content, ViewServer, names_of_machine
+from gse.view.viewer_files import ViewerFiles
 
 
 @pytest.fixture
@@ -106,3 +109,62 @@ def test_bound_to_all_addresses_it_answers_to_an_address_and_to_no_foreign_name(
         machine = socket.gethostname()
         for name in ("attacker.example", "attacker.local", f"{machine}.attacker.example", f"attacker.{machine}.local"):
             assert ask(page, f"{name}:{port}", path="/")[0] == 421
+
+
+WASM = bytes(range(256)) * (40 << 12)
+
+
+class LargeFiles(ViewerFiles):
+    """Files of the size of rerun's, without the program."""
+
+    def __getitem__(self, path: str) -> bytes:
+        return WASM
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def hold(page: ViewServer, stack: ExitStack, request: str, address: str = "127.0.0.1") -> socket.socket:
+    """A connection that sends a request, or half of one, and reads nothing."""
+    connection = stack.enter_context(socket.socket())
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    connection.bind((address, 0))
+    connection.connect(("127.0.0.1", page.port))
+    connection.sendall(request.replace("HOST", f"127.0.0.1:{page.port}").encode())
+    return connection
+
+
+GET = "GET {} HTTP/1.1\r\nHost: HOST\r\n\r\n"
+HALF = "POST /note HTTP/1.1\r\nHost: HOST\r\nContent-Type: application/json\r\nContent-Length: 4000\r\n\r\n{"
+
+
+def test_readers_that_read_nothing_cost_a_part_of_a_file_each_and_lock_nobody_out() -> None:
+    with ViewServer("127.0.0.1", 0, Content(files=LargeFiles())) as page, ExitStack() as stack:
+        host = f"127.0.0.1:{page.port}"
+        assert ask(page, host, path="/re_viewer_bg.wasm")[2] == WASM
+        before = resident_bytes()
+        for _ in range(MOST_CONNECTIONS + 10):
+            hold(page, stack, GET.format("/re_viewer_bg.wasm"))
+        status, _, body = ask(page, host, path="/re_viewer_bg.wasm")
+        assert (status, body == WASM) == (200, True)
+        assert resident_bytes() - before < 80 << 20, "each of 64 would have 40 MiB"
+
+
+@pytest.mark.parametrize("request_text", [HALF, "GET / HT", GET.format("/session.rrd") + HALF])
+def test_requests_that_never_end_lock_nobody_out(page: ViewServer, request_text: str) -> None:
+    with ExitStack() as stack:
+        for number in range(2 * MOST_CONNECTIONS):
+            hold(page, stack, request_text, address=f"127.0.0.{2 + number % 2}")
+        assert ask(page, f"127.0.0.1:{page.port}")[0] == 200
+
+
+def test_a_connection_of_another_address_stays_while_one_address_opens_more_and_more(page: ViewServer) -> None:
+    with ExitStack() as stack:
+        ours = stack.enter_context(socket.create_connection(("127.0.0.1", page.port), source_address=("127.0.0.3", 0)))
+        ours.settimeout(PATIENCE_S)
+        for _ in range(3 * MOST_CONNECTIONS):
+            hold(page, stack, HALF, address="127.0.0.2")
+        assert ask(page, f"127.0.0.1:{page.port}")[0] == 200
+        ours.sendall(GET.format("/session.rrd").replace("HOST", f"127.0.0.1:{page.port}").encode())
+        assert ours.recv(12) == b"HTTP/1.1 200"
