@@ -57,7 +57,7 @@ EXAMPLES = {
         "gse identify panorama.csv --station roof.yaml",
         "gse identify panorama.csv --station roof.yaml --json",
     ),
-    "extract": ("gse extract image.fits", "gse extract image.png --out panorama.csv"),
+    "extract": ("gse extract image.fits", "gse extract --sub-pixel picture.jpg --out panorama.csv"),
     "evaluate": ("gse evaluate --frames 1000", "gse evaluate --preset lapan"),
     "simulate": ("gse simulate --list", "gse simulate --scenario clear-zenith --seconds 600"),
     "emulate": ("gse emulate --pty", "gse emulate --tcp 127.0.0.1:4000 --station roof.yaml"),

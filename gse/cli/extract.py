@@ -2,17 +2,18 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from drivers.host_files import only_a_file
 from gse.cli.files import write_new
-from gse.config.choice import station_of
+from gse.cli.folding import folded
 from gse.errors import TableError
 
 if TYPE_CHECKING:
     from gse.imaging.extraction import Objects
+    from gse.imaging.image_file import Picture
 
 MAX_MAP_BYTES = 1_000_000
 """Some 100,000 hot pixels: a detector with more is dead."""
@@ -52,26 +53,48 @@ def command(
     out_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Extract the panorama of IMAGE: PNG, TIFF (8, 12 or 16 bit) or FITS, rows in the order of the file.
+    """Extract the panorama of IMAGE: PNG, TIFF (8, 12 or 16 bit), JPEG or FITS, rows in the order of the file.
 
     As in the LAPAN paper: the brightest pixel of each row, one pixel for each star, and of these the 30 with the
-    highest index values (0 to 4096).
+    highest index values (0 to 4096). With --sub-pixel: objects over the local background as Source Extractor finds
+    them, the 30 with the most light, at their windowed centres; the index value is then the light over the background.
+    Take --sub-pixel for pictures of a camera.
     """
     from gse.imaging.extraction import extract, extract_sub_pixel, without_hot_pixels
-    from gse.imaging.image_file import read_image
+    from gse.imaging.image_file import read_picture
 
     hot_xy_px = _read_map(hot_pixels_path) if hot_pixels_path else []
     if station_path:
+        from gse.config.choice import station_of  # which takes half a second more than all others
+
         hot_xy_px += station_of(station_path)[0].sensor.hot_pixels
-    values = read_image(image, bits)
+    picture = read_picture(image, bits)
+    values: Any = picture.light() if sub_pixel else picture.index_values()
     if hot_xy_px:
         values = without_hot_pixels(values, hot_xy_px)
-    objects = extract_sub_pixel(values) if sub_pixel else extract(values)
+    objects = extract_sub_pixel(values, step=picture.step) if sub_pixel else extract(values)
+    for word in _words(picture, len(objects[1])):
+        click.echo(folded(f"gse: {word}", err=True), err=True)
     text = _as_json(objects, image) if as_json else _as_table(objects, decimals=3 if sub_pixel else 0)
     if out_path is None:
         click.echo(text, nl=False)
     else:
         write_new(out_path, text)
+
+
+def _words(picture: "Picture", count: int) -> list[str]:
+    """What a person should know of a picture and its objects."""
+    import numpy as np
+
+    words = []
+    if picture.is_jpeg:
+        words.append(
+            "a JPEG of quality 85 doubles the error of a centre, one of 60 has it four times; TIFF or FITS keep all"
+        )
+    if not count:
+        darkest, brightest = np.nanmin(picture.counts), np.nanmax(picture.counts)
+        words.append(f"no object found: the counts of the picture are {darkest:g} to {brightest:g}")
+    return words
 
 
 def _as_table(objects: "Objects", decimals: int) -> str:

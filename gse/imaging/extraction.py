@@ -1,167 +1,18 @@
 """Extraction: a detector image becomes a panorama (LAPAN paper, section 2).
 
 ``extract`` is the paper's: the brightest pixel of each row, neighbours of the same star made one, the 30 highest index
-values. ``extract_sub_pixel`` is that of a better sensor: objects 5 sigma above their local background, at the centre
-of their light.
+values. ``extract_sub_pixel`` is that of a better sensor, by Source Extractor (Bertin & Arnouts 1996; Barbary 2016, the
+package sep): objects over a background that varies, blends parted, brightest by their light, at their windowed centres.
 """
 
-import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.process.jit import compiled, compiled_part
+from gse.errors import UsageError
 from gse.values.panorama import MAX_OBJECTS
-
-# Blobs of light in an image, and the background that they stand on.
-
-_TILE_PX = 64
-_SAMPLE_EVERY = 4
-"""Every fourth pixel of a tile, in rows and columns, gives its median to a few per cent of the noise."""
-_NOISE_ROWS = 16
-"""Every 16th row holds enough pairs of neighbours."""
-_MEDIAN_TO_SIGMA = 1.4826
-_MOST_BLOBS = 4096
-_LARGEST_BLOB_PX = 4096
-"""A saturated Moon is larger; it is cut into several blobs, none of which is a star."""
-
-
-def background_of(image: NDArray[np.uint16]) -> tuple[NDArray[np.float32], float]:
-    """Medians of tiles of 64 px, (rows / 64, columns / 64) rounded up, and the noise about them (1 sigma)."""
-    rows, columns = image.shape
-    padded = np.pad(image, ((0, -rows % _TILE_PX), (0, -columns % _TILE_PX)), mode="reflect")
-    tiled = padded.reshape(len(padded) // _TILE_PX, _TILE_PX, -1, _TILE_PX)
-    samples = np.swapaxes(tiled[:, ::_SAMPLE_EVERY, :, ::_SAMPLE_EVERY], 1, 2)
-    samples = samples.reshape(*samples.shape[:2], -1)
-    middle = samples.shape[2] // 2
-    medians = np.partition(samples, middle, axis=2)[:, :, middle].astype(np.float32)
-    return medians, _noise_of(image)
-
-
-def _noise_of(image: NDArray[np.uint16]) -> float:
-    """1 sigma from the differences of neighbours: a slope of the background is not noise."""
-    sampled = image[::_NOISE_ROWS].astype(np.int32)
-    even = sampled.shape[1] // 2 * 2
-    differences = np.abs(sampled[:, 1:even:2] - sampled[:, 0:even:2])
-    percentiles = float(np.median(differences)) if differences.size else 0.0
-    # Whole numbers: the spread of a quiet image can be 0.
-    return max(_MEDIAN_TO_SIGMA * percentiles / math.sqrt(2), 0.5)
-
-
-def find_blobs(image: NDArray[np.uint16], background: NDArray[np.float32], threshold: float) -> NDArray[np.float64]:
-    """Blobs of two pixels and more that stand ``threshold`` over the background: rows of x, y, brightest pixel, light.
-
-    x, y is the centre of light of the blob's pixels and of those around them. At most 4096 blobs are given, in the
-    order of their first pixels.
-    """
-    blobs = np.empty((_MOST_BLOBS, 4))
-    count = _find(image, background, threshold, blobs)
-    return blobs[:count]
-
-
-@compiled_part
-def _level(background: NDArray[np.float32], y: float, x: float) -> float:
-    """Background at a pixel: bilinear between the middles of tiles, continued to the edges."""
-    v, h = (y + 0.5) / 64.0 - 0.5, (x + 0.5) / 64.0 - 0.5
-    top = max(min(int(v), background.shape[0] - 2), 0)
-    left = max(min(int(h), background.shape[1] - 2), 0)
-    bottom, right = min(top + 1, background.shape[0] - 1), min(left + 1, background.shape[1] - 1)
-    v, h = v - top, h - left
-    above = background[top, left] * (1 - h) + background[top, right] * h
-    below = background[bottom, left] * (1 - h) + background[bottom, right] * h
-    return float(above * (1 - v) + below * v)
-
-
-@compiled
-def _find(
-    image: NDArray[np.uint16], background: NDArray[np.float32], threshold: float, blobs: NDArray[np.float64]
-) -> int:
-    rows, columns = image.shape
-    seen = np.zeros((rows, columns), dtype=np.uint8)
-    pixels = np.empty((_LARGEST_BLOB_PX, 2), dtype=np.int32)
-    count = 0
-    for y in range(rows):
-        for left in range(0, columns, 64):
-            least = _least_in_tile(background, y // 64, left // 64) + threshold
-            for x in range(left, min(left + 64, columns)):
-                if image[y, x] <= least or seen[y, x] or image[y, x] - _level(background, y, x) <= threshold:
-                    continue
-                pixels[0, 0], pixels[0, 1] = y, x
-                size = _fill(image, background, threshold, seen, pixels)
-                if size >= 2 and count < len(blobs):
-                    _measure(image, background, pixels[:size], seen, blobs[count])
-                    count += 1
-    return count
-
-
-@compiled_part
-def _least_in_tile(background: NDArray[np.float32], row: int, column: int) -> float:
-    """The least background of a tile: it is bilinear in each quarter, so least at a corner or a middle."""
-    least = np.inf
-    for y in (0.0, 31.5, 63.0):
-        for x in (0.0, 31.5, 63.0):
-            least = min(least, _level(background, 64.0 * row + y, 64.0 * column + x))
-    return least
-
-
-@compiled_part
-def _fill(
-    image: NDArray[np.uint16],
-    background: NDArray[np.float32],
-    threshold: float,
-    seen: NDArray[np.uint8],
-    pixels: NDArray[np.int32],
-) -> int:
-    """Put the pixels (row, column) of the blob at ``pixels[0]`` after it; how many they are."""
-    rows, columns = image.shape
-    seen[pixels[0, 0], pixels[0, 1]] = 1
-    size, done = 1, 0
-    while done < size:
-        row, column = pixels[done]
-        done += 1
-        for near_y in range(max(row - 1, 0), min(row + 2, rows)):
-            for near_x in range(max(column - 1, 0), min(column + 2, columns)):
-                if size == len(pixels) or seen[near_y, near_x]:
-                    continue
-                if image[near_y, near_x] - _level(background, near_y, near_x) > threshold:
-                    seen[near_y, near_x] = 1
-                    pixels[size, 0], pixels[size, 1] = near_y, near_x
-                    size += 1
-    return size
-
-
-@compiled_part
-def _measure(
-    image: NDArray[np.uint16],
-    background: NDArray[np.float32],
-    pixels: NDArray[np.int32],
-    seen: NDArray[np.uint8],
-    blob: NDArray[np.float64],
-) -> None:
-    """Centre and light of a blob and its rim of one pixel; a pixel of the rim counts once (``seen`` 2 marks it)."""
-    rows, columns = image.shape
-    light = light_x = light_y = 0.0
-    brightest = 0
-    for pixel in range(len(pixels)):
-        row, column = pixels[pixel]
-        brightest = max(brightest, int(image[row, column]))
-        for y in range(max(row - 1, 0), min(row + 2, rows)):
-            for x in range(max(column - 1, 0), min(column + 2, columns)):
-                is_own = y == row and x == column
-                if not is_own and seen[y, x]:
-                    continue
-                if not is_own:
-                    seen[y, x] = 2
-                value = image[y, x] - _level(background, y, x)
-                light += value
-                light_x += value * x
-                light_y += value * y
-    # Pixels darker than the background around can pull the centre of a faint blob out of it.
-    blob[0] = min(max(light_x / light, pixels[:, 1].min() - 0.5), pixels[:, 1].max() + 0.5)
-    blob[1] = min(max(light_y / light, pixels[:, 0].min() - 0.5), pixels[:, 0].max() + 0.5)
-    blob[2], blob[3] = brightest, light
-
 
 FOOTPRINT_PX = 4
 """Rows on each side of a star's brightest that its light reaches."""
@@ -195,18 +46,7 @@ def extract(image: NDArray[np.uint16], *, least_index: int = 1) -> Objects:
     return np.column_stack([column[rows], rows]).astype(np.float64), index[rows].astype(np.float64)
 
 
-def extract_sub_pixel(image: NDArray[np.uint16], *, sigmas: float = 5.0) -> Objects:
-    """The objects of an image (rows, columns) at the centres of their light; the index value is the brightest pixel's.
-
-    An object is a blob of at least two pixels, each ``sigmas`` above the local background.
-    """
-    background, noise = background_of(image)
-    blobs = find_blobs(image, background, sigmas * noise)
-    blobs = blobs[np.lexsort((-blobs[:, 3], -blobs[:, 2]))][:MAX_OBJECTS]
-    return np.ascontiguousarray(blobs[:, :2]), blobs[:, 2].copy()
-
-
-def without_hot_pixels(image: NDArray[np.uint16], hot_xy_px: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
+def without_hot_pixels(image: NDArray[Any], hot_xy_px: Sequence[tuple[int, int]]) -> NDArray[Any]:
     """The image with each hot pixel (x, y) replaced by the median of its neighbours that are none themselves."""
     repaired = image.copy()
     rows, columns = image.shape
@@ -243,3 +83,101 @@ def _followed(column: NDArray[np.intp], index: NDArray[np.int64], row: int, step
     ):
         row += step
     return row
+
+
+# Centres of light.
+
+_MESHES = 32
+_SMALLEST_MESH_PX, _LARGEST_MESH_PX = 32, 64
+"""Meshes of the background, a 32nd of the picture's width: a steep glow wants small ones. An object that is larger than
+two is taken for background."""
+_BACKGROUNDS = 2
+"""The second takes what the first left of a slope, which is no noise either."""
+_SIGMAS = 4.0
+_QUIETEST_STEPS = 0.3
+"""Noise of a picture whose neighbouring pixels are mostly equal: rounding to whole steps, 1 / sqrt(12), remains."""
+_FEWEST_PIXELS = 4
+_MOST_RUNS = 40_000
+"""Stretches of bright pixels in the rows of a picture, some 10,000 stars: those that are looked at in a second."""
+_RAISED = 4.0
+_SHARP_PERCENTILE = 25
+"""Of the objects, in width: that many at least are stars. What glow and cloud leave is wider."""
+_WIDEST = 3.0
+"""An object's light counts as that of a star of at most three times its height: a glow is wide and flat."""
+_PIXELS_AT_ONCE = 1_000_000
+"""Pixels of unfinished objects that sep keeps; its own limit of 300,000 is too small for a large picture."""
+_STAR_RADIUS_PX = 5.0
+_RADIUS_TO_SIGMA = 2 / 2.3548
+"""Half of the light of a Gaussian lies within 1.18 sigma; Source Extractor takes this factor."""
+_NARROWEST_PX = 1.0
+"""A narrower window sees so few pixels that the centre leans towards the middle of one."""
+_FARTHEST_PX = 2.0
+"""How far a windowed centre may be from the centre of the object's pixels; farther is a neighbour's."""
+
+
+def extract_sub_pixel(image: NDArray[Any], *, step: float = 1.0, index_max: int = 4096) -> Objects:
+    """The objects of an image (rows, columns) at the centres of their light.
+
+    An object is at least four pixels of the smoothed image, two of them of the image itself, that stand 4 sigma over
+    the local background. ``step`` is the smallest difference of two values of the image. The index value is the
+    object's light as the height of a star of the usual width over the background, ``index_max`` at most; objects beyond
+    that follow each other by one.
+    """
+    sep = _source_extractor()
+    light = np.array(image, dtype=np.float32, order="C")
+    mesh_px = min(max(light.shape[1] // _MESHES, _SMALLEST_MESH_PX), _LARGEST_MESH_PX)
+    for _ in range(_BACKGROUNDS):
+        sep.Background(light, bw=mesh_px, bh=mesh_px).subfrom(light)
+    noise = sep.Background(light, bw=mesh_px, bh=mesh_px).globalrms
+    found = _found(sep, light, _SIGMAS * max(noise, _QUIETEST_STEPS * step))
+    # A hot pixel spreads over nine by the smoothing alone.
+    found = found[(found["tnpix"] >= 2) & (found["flux"] > 0)]
+    if not len(found):
+        return np.empty((0, 2)), np.empty(0)
+    height = found["flux"] / np.percentile(found["flux"] / found["peak"], _SHARP_PERCENTILE)
+    height = np.minimum(height, _WIDEST * found["peak"])
+    brightest = np.lexsort((-found["flux"], -height))[:MAX_OBJECTS]
+    # Above the scale the order remains: a panorama of nothing but saturated stars has a brightest one.
+    index = np.clip(np.rint(height[brightest]), 1, index_max - np.arange(len(brightest))).astype(np.float64)
+    return _centres(sep, light, found[brightest]), index
+
+
+def _source_extractor() -> Any:
+    """The package sep: only pictures need it, and not every Python has it."""
+    try:
+        import sep
+    except ImportError as error:
+        raise UsageError(
+            "centres of light need the package sep, which is not installed: `pip install sep` "
+            "(it has wheels for Python 3.11 to 3.13), or extract without --sub-pixel"
+        ) from error
+    return sep
+
+
+def _found(sep: Any, light: NDArray[np.float32], threshold: float) -> NDArray[Any]:
+    """The objects above a threshold, which is raised until they are not too many to look at: the brightest remain."""
+    sep.set_extract_pixstack(_PIXELS_AT_ONCE)
+    brightest = float(light.max())
+    while True:
+        bright = light > threshold
+        if np.count_nonzero(bright[:, 1:] & ~bright[:, :-1]) <= _MOST_RUNS:
+            try:
+                return np.asarray(sep.extract(light, threshold, minarea=_FEWEST_PIXELS))
+            except Exception:  # sep has no narrower one: an object of too many parts, or too large
+                if threshold > brightest:
+                    raise
+        threshold *= _RAISED
+
+
+def _centres(sep: Any, light: NDArray[np.float32], found: NDArray[Any]) -> NDArray[np.float64]:
+    """Windowed centres (N, 2) as x, y: the weights are as wide as the stars of the picture, or as a wider object."""
+    x, y = found["x"], found["y"]
+    usual, _ = sep.flux_radius(light, x, y, np.full(len(found), _STAR_RADIUS_PX), 0.5, subpix=5)
+    own, _ = sep.flux_radius(light, x, y, 6 * found["a"], 0.5, normflux=found["flux"], subpix=5)
+    radius = np.fmax(np.nanmedian(usual), own)
+    sigma = np.fmax(_RADIUS_TO_SIGMA * radius, _NARROWEST_PX)
+    window_x, window_y, _ = sep.winpos(light, x, y, sigma)
+    near = np.hypot(window_x - x, window_y - y) <= _FARTHEST_PX
+    centres = np.column_stack([np.where(near, window_x, x), np.where(near, window_y, y)])
+    rows, columns = light.shape
+    return np.asarray(np.clip(centres, -0.5, (columns - 0.5, rows - 0.5)), dtype=np.float64)

@@ -1,7 +1,8 @@
-"""Image files of a detector: PNG, TIFF or FITS as index values 0..4096."""
+"""Image files of a detector: PNG, TIFF, JPEG or FITS, as index values 0..4096 or as light on that scale."""
 
 import struct
 import warnings
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,55 @@ MAX_PIXELS = 67_108_864
 """8192 x 8192: larger than any detector of a star sensor, small enough for any host."""
 
 _FITS_SUFFIXES = (".fits", ".fit", ".fts")
-_KNOWN_SUFFIXES = (".png", ".tif", ".tiff", *_FITS_SUFFIXES)
+_KNOWN_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", *_FITS_SUFFIXES)
 _DEPTHS = {"1": 8, "L": 8, "P": 8, "RGB": 8, "RGBA": 8, "LA": 8, "I;16": 16, "I;16B": 16, "I;16L": 16, "I": 16, "F": 16}
 _EXPECTED = "expected gray of 8, 12 or 16 bits, or colour of 8"
 _BITS_PER_SAMPLE = 258
 """The TIFF tag."""
+_COLOURS = 3
 _BROKEN = (OSError, SyntaxError, ValueError, TypeError, KeyError, IndexError, EOFError, struct.error, MemoryError)
 """What Pillow and astropy raise on damaged files."""
 
 
-def read_image(path: Path, bits: int | None = None) -> NDArray[np.uint16]:
-    """Index values (rows, columns), 0..4096, of an image file, its rows in the order of the file.
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What an image file holds: counts (rows, columns) as stored, its rows in the order of the file.
+
+    ``bits`` is how many bits of the counts are significant. ``is_jpeg``: the counts were compressed with loss.
+    """
+
+    counts: NDArray[Any]
+    bits: int
+    is_jpeg: bool = False
+
+    def index_values(self) -> NDArray[np.uint16]:
+        """Index values, whole numbers of 0..4096; a pixel that holds no number is dark."""
+        numbers, bits = self.counts, self.bits
+        if numbers.dtype.kind == "f":
+            numbers = np.nan_to_num(numbers, nan=0.0, posinf=2.0**bits - 1, neginf=0.0)
+        if numbers.dtype == np.uint8:
+            return np.left_shift(numbers.astype(np.uint16), INDEX_BITS - bits, dtype=np.uint16)
+        if numbers.dtype == np.uint16 and bits >= INDEX_BITS:
+            return np.asarray(np.minimum(numbers >> (bits - INDEX_BITS), 1 << INDEX_BITS), dtype=np.uint16)
+        scaled = np.floor(numbers * self.step)
+        return np.asarray(np.clip(scaled, 0, 1 << INDEX_BITS), dtype=np.uint16)
+
+    def light(self) -> NDArray[np.float32]:
+        """The counts on the scale of the index values, not rounded; a pixel that holds no number is as the median."""
+        light = self.counts.astype(np.float32)
+        light *= np.float32(self.step)
+        if self.counts.dtype.kind == "f" and not (finite := np.isfinite(light)).all():
+            light = np.nan_to_num(light, nan=float(np.median(light[finite])), posinf=2.0**INDEX_BITS, neginf=0.0)
+        return np.minimum(light, 1 << INDEX_BITS, out=light)
+
+    @property
+    def step(self) -> float:
+        """The index value of one count."""
+        return 2.0 ** (INDEX_BITS - self.bits)
+
+
+def read_picture(path: Path, bits: int | None = None) -> Picture:
+    """The picture that an image file holds; colours become brightness.
 
     ``bits`` is how many bits of the stored values count. Without it that is the file's depth, but 12 where a file of
     16 bits holds nothing over 4096. TableError otherwise, with what came and what was expected.
@@ -43,10 +82,10 @@ def read_image(path: Path, bits: int | None = None) -> NDArray[np.uint16]:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
     if size > MAX_FILE_BYTES:
         raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is not an image of a star sensor")
-    values, depth = _read_fits(path) if suffix in _FITS_SUFFIXES else _read_picture(path)
-    if values.dtype.kind == "f":
-        _check_floats(path, values)
-    return _index_values(values, depth if bits is None else bits, is_given=bits is not None)
+    picture = _read_fits(path) if suffix in _FITS_SUFFIXES else _read_picture(path)
+    if picture.counts.dtype.kind == "f":
+        _check_floats(path, picture.counts)
+    return replace(picture, bits=_significant_bits(picture) if bits is None else min(bits, 8 * picture.counts.itemsize))
 
 
 def _check_floats(path: Path, numbers: NDArray[Any]) -> None:
@@ -57,30 +96,25 @@ def _check_floats(path: Path, numbers: NDArray[Any]) -> None:
         raise TableError(f"{path} holds fractions up to {brightest:.3g}: expected counts, so scale it to 0..4095")
 
 
-def _index_values(numbers: NDArray[Any], bits: int, *, is_given: bool) -> NDArray[np.uint16]:
-    if bits == 16 and not is_given and np.max(numbers, where=np.isfinite(numbers), initial=0) <= 1 << INDEX_BITS:
-        bits = INDEX_BITS
-    if numbers.dtype.kind == "f":
-        numbers = np.nan_to_num(numbers, nan=0.0, posinf=2.0**bits - 1, neginf=0.0)
-    if numbers.dtype == np.uint8:
-        return np.left_shift(numbers.astype(np.uint16), INDEX_BITS - min(bits, 8), dtype=np.uint16)
-    if numbers.dtype == np.uint16 and bits >= INDEX_BITS:
-        return np.asarray(np.minimum(numbers >> (bits - INDEX_BITS), 1 << INDEX_BITS), dtype=np.uint16)
-    scaled = np.floor(numbers * 2.0 ** (INDEX_BITS - bits))
-    return np.asarray(np.clip(scaled, 0, 1 << INDEX_BITS), dtype=np.uint16)
+def _significant_bits(picture: Picture) -> int:
+    numbers = picture.counts
+    if picture.bits == 16 and np.max(numbers, where=np.isfinite(numbers), initial=0) <= 1 << INDEX_BITS:
+        return INDEX_BITS
+    return picture.bits
 
 
-def _read_picture(path: Path) -> tuple[NDArray[Any], int]:
+def _read_picture(path: Path) -> Picture:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damaged metadata, and of a size that is checked here
-            with Image.open(path, formats=("PNG", "TIFF")) as picture:
+            with Image.open(path, formats=("PNG", "TIFF", "JPEG")) as picture:
                 _check_size(path, *picture.size)
-                depth = _depth(picture, path)
+                depth, is_jpeg = _depth(picture, path), picture.format == "JPEG"
+                picture.draft("L", None)  # of a JPEG only the brightness is unpacked
                 gray = picture if depth > 8 or picture.mode == "L" else picture.convert("L")
-                return np.asarray(gray), depth
+                return Picture(np.asarray(gray), depth, is_jpeg=is_jpeg)
     except UnidentifiedImageError as error:
-        raise TableError(f"{path} is not a PNG or TIFF image of a known kind: {_EXPECTED}") from error
+        raise TableError(f"{path} is not a PNG, TIFF or JPEG image of a known kind: {_EXPECTED}") from error
     except Image.DecompressionBombError as error:
         raise TableError(_too_large(path)) from error
     except _BROKEN as error:
@@ -101,7 +135,7 @@ def _depth(picture: Image.Image, path: Path) -> int:
     return depth if depth == 8 else min(bits, 16)
 
 
-def _read_fits(path: Path) -> tuple[NDArray[Any], int]:
+def _read_fits(path: Path) -> Picture:
     from astropy.io import fits
     from astropy.utils.exceptions import AstropyWarning
 
@@ -110,14 +144,24 @@ def _read_fits(path: Path) -> tuple[NDArray[Any], int]:
             warnings.simplefilter("ignore", AstropyWarning)  # what cannot be read raises besides
             with path.open("rb") as file, fits.open(file, memmap=False) as units:
                 for unit in units:
-                    header = unit.header
-                    if unit.is_image and header.get("NAXIS") == 2:
-                        _check_size(path, int(header["NAXIS1"]), int(header["NAXIS2"]))
+                    if unit.is_image and (size := _size_of(unit.header)) is not None:
+                        _check_size(path, *size)
                         data = np.asarray(unit.data)
-                        return data.astype(data.dtype.newbyteorder("=")), 8 if data.dtype.itemsize == 1 else 16
+                        counts = data.astype(data.dtype.newbyteorder("="))
+                        if counts.ndim == 3:
+                            counts = counts[0] if len(counts) == 1 else counts.mean(axis=0, dtype=np.float32)
+                        return Picture(counts, 8 if data.dtype.itemsize == 1 else 16)
     except (*_BROKEN, fits.VerifyError) as error:
         raise _damaged(path, error) from error
-    raise TableError(f"{path} holds no two-dimensional image")
+    raise TableError(f"{path} holds no image: expected one of two dimensions, with one plane or three colours")
+
+
+def _size_of(header: Any) -> tuple[int, int] | None:
+    """Columns, and rows of all planes, of an image of one plane or of three colours; None of anything else."""
+    planes = int(header["NAXIS3"]) if header.get("NAXIS") == 3 else 1
+    if header.get("NAXIS") not in (2, 3) or planes not in (1, _COLOURS):
+        return None
+    return int(header["NAXIS1"]), int(header["NAXIS2"]) * planes
 
 
 def _check_size(path: Path, columns: int, rows: int) -> None:

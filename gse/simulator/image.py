@@ -49,7 +49,8 @@ class ImageSource:
         image = self.image(middle_utc_ns, exposure_s, temperature_c)
         if self._photometry.is_overexposed(float(np.median(image[::16, ::16]))):
             return Exposure(np.empty((0, 2)), np.empty(0), frozenset({OVEREXPOSED}))
-        xy_px, index = extract_sub_pixel(image) if self._sub_pixel else extract(image)
+        index_max = self._photometry.index_max
+        xy_px, index = extract_sub_pixel(image, index_max=index_max) if self._sub_pixel else extract(image)
         return Exposure(xy_px, index, frozenset())
 
     def image(self, middle_utc_ns: int, exposure_s: float, temperature_c: float = 20.0) -> NDArray[np.uint16]:

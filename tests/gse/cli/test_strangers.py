@@ -15,7 +15,7 @@ from devices.hostile_sessions import FILES, write_file, write_flood, write_stati
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import CatalogError, ConfigError, TableError, TruthError, UsageError
-from gse.imaging.image_file import read_image
+from gse.imaging.image_file import read_picture
 from gse.imaging.panorama_table import read_panorama_table
 from gse.report.verification import read_page
 from gse.sessions.expected_answers import read_answers
@@ -177,7 +177,7 @@ READERS: dict[str, tuple[Callable[[Path], object], type[Exception]]] = {
     "a catalogue": (lambda path: load_catalog(str(path)), CatalogError),
     "Earth orientation": (lambda path: read_given([path]), TruthError),
     "a panorama table": (read_panorama_table, TableError),
-    "an image": (read_image, TableError),
+    "an image": (read_picture, TableError),
     "a report": (read_page, UsageError),
     "a protocol": (lambda path: load_protocol(str(path)), DescriptionError),
 }
