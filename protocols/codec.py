@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from protocols.errors import EncodeError
 from protocols.layout import MessageLayout
 from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage
-from protocols.record import FieldLayout
+from protocols.record import BYTES_3, FieldLayout
 from protocols.vocabulary import Kind
 
 # Wire counts to values in the station's units, and back.
@@ -33,11 +35,13 @@ class FieldCodec:
     ``value_of`` is the value of a count; ``is_checked`` says whether some counts are out of order at all.
     """
 
-    def __init__(self, field: FieldLayout, commands: Mapping[int, str]) -> None:
+    def __init__(self, field: FieldLayout, commands: Mapping[int, str], byte_order: str) -> None:
         self.name = field.name
         self.attribute = field.role.attribute
         self.is_float = field.is_float
+        self.is_packed = field.is_packed
         self._field = field
+        self._bytes_3 = (2, 1, 0) if byte_order == "little" else (0, 1, 2)
         self._is_time = self.attribute == "time_us"
         self._multiplier, self._divisor = float(field.factor.numerator), float(field.factor.denominator)
         self._zero = float(field.zero)
@@ -127,6 +131,36 @@ class FieldCodec:
                 return self.problem_of(count)
         return None
 
+    def column(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """The counts (K,) of this field in records (K,)."""
+        words = rows[self.name]
+        if not self.is_packed:
+            return words
+        field = self._field
+        if field.word == BYTES_3:
+            high, middle, low = (words[..., at].astype(np.int64) for at in self._bytes_3)
+            words = high << 16 | middle << 8 | low
+        counts = words >> field.shift & (1 << field.width) - 1
+        if not field.is_signed:
+            return counts
+        counts = counts.astype(np.int64)
+        return counts - (counts >> (field.width - 1) << field.width)
+
+    def put(self, rows: NDArray[Any], counts: Any) -> None:
+        """Write counts (K,), or one for all, into records (K,)."""
+        if not self.is_packed:
+            rows[self.name] = counts
+            return
+        field = self._field
+        mask = (1 << field.width) - 1
+        if field.word != BYTES_3:
+            word = rows[self.name].dtype
+            rows[self.name] |= (np.asarray(counts).astype(np.int64) & mask).astype(word) << field.shift
+            return
+        words = (np.asarray(counts).astype(np.int64) & mask) << field.shift
+        for at, shift in zip(self._bytes_3, (16, 8, 0), strict=True):
+            rows[self.name][..., at] |= (words >> shift & 0xFF).astype(np.uint8)
+
     def count_of(self, value: Value) -> Count:
         """The count that says this value; EncodeError if there is none."""
         try:
@@ -141,6 +175,13 @@ class FieldCodec:
         low, high = self._range()
         if not all(low <= number <= high for number in numbers):
             raise self._does_not_fit(value)
+        return count
+
+    def whole(self, count: int) -> int:
+        """A count as it is; EncodeError if it does not fit."""
+        low, high = self._range()
+        if not low <= count <= high:
+            raise self._does_not_fit(count)
         return count
 
     def counts_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -178,12 +219,39 @@ class FieldCodec:
         return int(word.removeprefix(prefix)) if number is None else number
 
     def _range(self) -> tuple[int, int]:
-        width = 8 * int(self._field.format[-1])
-        return (0, 2**width - 1) if self._field.format[-2] == "u" else (-(2 ** (width - 1)), 2 ** (width - 1) - 1)
+        width = self._field.width
+        return (-(2 ** (width - 1)), 2 ** (width - 1) - 1) if self._field.is_signed else (0, 2**width - 1)
 
     def _does_not_fit(self, value: Value) -> EncodeError:
         low, high = self._range()
         return EncodeError(f"{self.name} cannot be {value!r:.60}: on the wire it has {low} to {high} counts")
+
+
+class SplitTime:
+    """A time that stands in several fields: weeks, seconds, fractions; each counts up to one of the coarser."""
+
+    def __init__(self, fields: Sequence[FieldLayout]) -> None:
+        """``fields`` are those of a message; those of its time are ``places`` among them."""
+        own = [(field.factor, at) for at, field in enumerate(fields) if field.role.attribute == "time_us"]
+        own.sort(reverse=True)
+        self.places = [at for _, at in own]
+        self._factors = [factor for factor, _ in own]
+        self._zero = sum((fields[at].zero for at in self.places), Fraction(0))
+        self._ratios = [coarse / fine for coarse, fine in pairwise(self._factors)]
+
+    def time_us(self, counts: Sequence[int]) -> int:
+        """The time of the counts of a message's fields."""
+        whole = sum((factor * counts[at] for factor, at in zip(self._factors, self.places, strict=True)), self._zero)
+        return min(max(round(whole), 0), LARGEST_TIME_US)
+
+    def counts(self, time_us: int) -> list[tuple[int, int]]:
+        """The places of its fields, and the counts that say this time."""
+        rest = round((time_us - self._zero) / self._factors[-1])
+        found = []
+        for at, ratio in zip(self.places[:0:-1], self._ratios[::-1], strict=True):
+            rest, count = divmod(rest, int(ratio))
+            found.append((at, count))
+        return [*found, (self.places[0], rest)]
 
 
 class MessageCodec:
@@ -191,8 +259,11 @@ class MessageCodec:
 
     def __init__(self, layout: MessageLayout, commands: Mapping[int, str]) -> None:
         self.layout = layout
-        self._fields = tuple(FieldCodec(field, commands) for field in layout.fields)
+        self._fields = tuple(FieldCodec(field, commands, layout.byte_order) for field in layout.fields)
+        self._is_packed = any(field.is_packed for field in self._fields)
         self._checked = tuple((at, field) for at, field in enumerate(self._fields) if field.is_checked)
+        time = SplitTime(layout.fields)
+        self._split_time = time if len(time.places) > 1 else None
 
     def decode(self, payload: bytes) -> Message:
         """The message of a payload that has this type's length."""
@@ -204,8 +275,14 @@ class MessageCodec:
     def _decode_fields(self, payload: bytes) -> tuple[dict[str, Any], list[str]]:
         if not self._fields:
             return {}, []
-        counts = np.frombuffer(payload, self.layout.dtype, 1)[0].item()
+        rows = np.frombuffer(payload, self.layout.dtype, 1)
+        if self._is_packed:
+            counts = tuple(field.column(rows)[0].tolist() for field in self._fields)
+        else:
+            counts = rows[0].item()
         values = {field.attribute: field.value_of(count) for field, count in zip(self._fields, counts, strict=True)}
+        if self._split_time:
+            values["time_us"] = self._split_time.time_us(counts)
         return values, self._problems(field.problem_of(counts[at]) for at, field in self._checked)
 
     @staticmethod
@@ -216,14 +293,24 @@ class MessageCodec:
         """The payload that says this message; EncodeError if a value does not fit."""
         if isinstance(message, Other):
             return message.payload
-        payload = bytearray(self.layout.size)
+        payload = bytearray(self.layout.blank)
         self._encode_fields(payload, [getattr(message, field.attribute) for field in self._fields])
         return bytes(payload)
 
-    def _encode_fields(self, payload: bytearray, values: Sequence[Any]) -> None:
-        if self._fields:
-            counts = tuple(field.count_of(value) for field, value in zip(self._fields, values, strict=True))
-            np.frombuffer(payload, self.layout.dtype, 1)[0] = counts
+    def _encode_fields(self, payload: bytearray, values: list[Any]) -> None:
+        if not self._fields:
+            return
+        split = dict(self._split_time.counts(values[self._split_time.places[0]])) if self._split_time else {}
+        counts = [
+            field.whole(split[at]) if at in split else field.count_of(value)
+            for at, (field, value) in enumerate(zip(self._fields, values, strict=True))
+        ]
+        rows = np.frombuffer(payload, self.layout.dtype, 1)
+        if not self._is_packed:
+            rows[0] = tuple(counts)
+            return
+        for field, count in zip(self._fields, counts, strict=True):
+            field.put(rows, count)
 
 
 class PanoramaCodec(MessageCodec):
@@ -233,8 +320,8 @@ class PanoramaCodec(MessageCodec):
         super().__init__(layout, commands)
         assert layout.slots is not None
         self._slots = layout.slots
-        codecs = {field.name: FieldCodec(field, commands) for field in layout.slots.fields}
-        self._x, self._y, self._index = codecs["x"], codecs["y"], codecs["index"]
+        codecs = {field.name: FieldCodec(field, commands, layout.byte_order) for field in layout.slots.fields}
+        self._x, self._y, self._index = codecs["x"], codecs["y"], codecs.get("index")
         self._checked_slots = tuple(field for field in codecs.values() if field.is_checked)
         self._has_floats = any(field.is_float for field in codecs.values())
 
@@ -250,55 +337,101 @@ class PanoramaCodec(MessageCodec):
         return self._decode_many(payloads)
 
     def _decode_many(self, payloads: Sequence[bytes]) -> PanoramaColumns:
+        size, repeat = self.layout.size, self._slots.repeat
+        lengths = None
+        if self._slots.are_counted or self._slots.part_first is not None:
+            # Slots by count, or those of several frames: their number is that of the bytes. Empty ones fill the rest.
+            lengths = [len(payload) for payload in payloads]
+            size = max(size, *lengths)
+            payloads = [payload.ljust(size, b"\0") for payload in payloads]
+            repeat = (size - self._slots.offset) // self._slots.dtype.itemsize
         whole = b"".join(payloads)
-        values, problems = self._values_of(whole, len(payloads))
-        used = self._used(whole, values.get("count"), problems)
+        rows = np.ndarray((len(payloads),), self.layout.dtype, whole, 0, (size,))
+        values, problems = self._values_of(rows)
+        slots = self._slots_of(whole, self._slots.dtype, repeat, size)
+        if lengths is None:
+            used = self._used(whole, values.get("count"), problems)
+        else:
+            used = (np.array(lengths) - self._slots.offset) // self._slots.dtype.itemsize
         first = np.zeros(len(payloads) + 1, dtype=np.int64)
         np.cumsum(used, out=first[1:])
-        slots = self._slots_of(whole, self._slots.dtype, self._slots.dtype.itemsize)
-        objects = slots[np.arange(self._slots.repeat) < used[:, None]]
+        objects = slots[np.arange(repeat) < used[:, None]]
         xy_px = np.empty((len(objects), 2))
-        xy_px[:, 0], xy_px[:, 1] = self._x.values_of(objects["x"]), self._y.values_of(objects["y"])
+        xy_px[:, 0] = self._x.values_of(self._x.column(objects))
+        xy_px[:, 1] = self._y.values_of(self._y.column(objects))
         for field in self._checked_slots:
-            for k in dict.fromkeys(np.searchsorted(first, field.suspects(objects[field.name]), side="right").tolist()):
-                problem = field.problem_among(objects[field.name][first[k - 1] : first[k]])
+            counts = field.column(objects)
+            for k in dict.fromkeys(np.searchsorted(first, field.suspects(counts), side="right").tolist()):
+                problem = field.problem_among(counts[first[k - 1] : first[k]])
                 problems[k - 1] += [] if problem is None else [problem]
+        if self._index is None:
+            index = (np.repeat(first[1:], used) - np.arange(len(objects))).astype(np.float64)
+        else:
+            index = self._index.values_of(self._index.column(objects))
         return PanoramaColumns(
-            time_us=values["time_us"],
+            time_us=values.get("time_us", [0] * len(payloads)),
             frame_no=values.get("frame_no", [0] * len(payloads)),
             exposure_s=values.get("exposure_s", [0.0] * len(payloads)),
             flags=values.get("flags", [frozenset()] * len(payloads)),
             temperature_c=values.get("temperature_c", [math.nan] * len(payloads)),
             first=first,
             xy_px=xy_px,
-            index=self._index.values_of(objects["index"]),
+            index=index,
             problems=[tuple(found) for found in problems],
         )
 
-    def _values_of(self, whole: bytes, count: int) -> tuple[dict[str, list[Any]], list[list[str]]]:
-        """The values of all fields of so many payloads that follow each other, and the problems of each payload."""
-        problems: list[list[str]] = [[] for _ in range(count)]
+    def _values_of(self, rows: NDArray[Any]) -> tuple[dict[str, list[Any]], list[list[str]]]:
+        """The values of all fields of records (K,), and the problems of each."""
+        problems: list[list[str]] = [[] for _ in range(len(rows))]
         if not self._fields:
             return {}, problems
-        rows = np.frombuffer(whole, self.layout.dtype)
-        counts = [rows[field.name].tolist() for field in self._fields]
+        counts = [field.column(rows).tolist() for field in self._fields]
         for at, field in self._checked:
             for found, number in zip(problems, counts[at], strict=True):
                 if (problem := field.problem_of(number)) is not None:
                     found.append(problem)
         columns = zip(self._fields, counts, strict=True)
-        return {field.attribute: [field.value_of(number) for number in column] for field, column in columns}, problems
+        values = {field.attribute: [field.value_of(number) for number in column] for field, column in columns}
+        if self._split_time:
+            values["time_us"] = [self._split_time.time_us(row) for row in zip(*counts, strict=True)]
+        return values, problems
 
-    def _slots_of(self, whole: bytes, dtype: np.dtype[Any], step: int) -> NDArray[Any]:
-        """The slots of payloads that follow each other, (K, repeat) records or (K, bytes)."""
-        size = self._slots.repeat * self._slots.dtype.itemsize
-        shape = len(whole) // self.layout.size, size // step
-        return np.ndarray(shape, dtype, whole, self._slots.offset, (self.layout.size, step))
+    @property
+    def in_parts(self) -> bool:
+        """Whether a panorama may come in several frames."""
+        return self._slots.part_first is not None
+
+    def part_of(self, payload: bytes) -> tuple[bytes, int, int, bytes]:
+        """Of one frame of a panorama: what tells the exposure, its part (from 0), how many there are, its slots."""
+        assert self._slots.part_first is not None
+        rows = np.frombuffer(payload, self.layout.dtype, 1)
+        counts = {field.name: field.column(rows)[0].tolist() for field in self._fields}
+        own = str([counts.get(name) for name in ("frame_no", "week", "time", "fraction")]).encode()
+        used = self._used_of_part(payload, counts)
+        return own, counts["part"] - self._slots.part_first, counts["parts"], used
+
+    def joined(self, payload: bytes, slots: bytes) -> bytes:
+        """The payload of a panorama whose first frame has this one, and all frames these slots."""
+        return payload[: self._slots.offset] + slots
+
+    def _used_of_part(self, payload: bytes, counts: Mapping[str, int]) -> bytes:
+        slots = payload[self._slots.offset :]
+        record = self._slots.dtype.itemsize
+        if "count" in counts:
+            return slots[: counts["count"] * record]
+        while slots and not any(slots[-record:]):
+            slots = slots[:-record]
+        return slots
+
+    def _slots_of(self, whole: bytes, dtype: np.dtype[Any], columns: int, size: int) -> NDArray[Any]:
+        """The slots of payloads of this size that follow each other, as records or bytes (K, columns)."""
+        shape = len(whole) // size, columns
+        return np.ndarray(shape, dtype, whole, self._slots.offset, (size, dtype.itemsize))
 
     def _used(self, whole: bytes, counts: list[int] | None, problems: list[list[str]]) -> NDArray[np.int64]:
         """How many slots (K,) hold an object; without a count, up to the last that is not all zero."""
         size, repeat = self._slots.dtype.itemsize, self._slots.repeat
-        is_used = self._slots_of(whole, np.dtype(np.uint8), 1) != 0
+        is_used = self._slots_of(whole, np.dtype(np.uint8), repeat * size, self.layout.size) != 0
         last = np.where(is_used.any(axis=1), is_used.shape[1] - np.argmax(is_used[:, ::-1], axis=1), 0)
         if counts is None:
             return -(-last // size)
@@ -310,18 +443,36 @@ class PanoramaCodec(MessageCodec):
 
     def encode(self, message: Message) -> bytes:
         """The payload that says this panorama; EncodeError if a value does not fit."""
+        [payload] = self.encode_parts(message)
+        return payload
+
+    def parts(self, objects: int) -> int:
+        """How many frames a panorama of so many objects comes in."""
+        return 1 if self._slots.part_first is None else max(-(-objects // self._slots.repeat), 1)
+
+    def encode_parts(self, message: Message) -> list[bytes]:
+        """The payloads of the frames that say this panorama."""
         assert isinstance(message, PanoramaMessage)
-        count = len(message.xy_px)
-        if count > self._slots.repeat or len(message.index) != count:
+        count, repeat = len(message.xy_px), self._slots.repeat
+        parts = self.parts(count)
+        if count > parts * repeat or len(message.index) != count:
             raise EncodeError(
                 f"a panorama of {count} positions and {len(message.index)} index values: "
-                f"expected as many of each, up to {self._slots.repeat}"
+                f"expected as many of each, up to {repeat}"
             )
-        payload = bytearray(self.layout.size)
-        values = [count if f.name == "count" else getattr(message, f.attribute) for f in self._fields]
-        self._encode_fields(payload, values)
-        slots = np.frombuffer(payload, self._slots.dtype, count, self._slots.offset)
-        slots["x"] = self._x.counts_of(message.xy_px[:, 0])
-        slots["y"] = self._y.counts_of(message.xy_px[:, 1])
-        slots["index"] = self._index.counts_of(message.index)
-        return bytes(payload)
+        return [self._encode_part(message, slice(at * repeat, (at + 1) * repeat), parts) for at in range(parts)]
+
+    def _encode_part(self, message: PanoramaMessage, rows: slice, parts: int) -> bytes:
+        xy_px, index = message.xy_px[rows], message.index[rows]
+        record, at = self._slots.dtype.itemsize, rows.start // self._slots.repeat
+        own = {"count": len(index), "part": at + (self._slots.part_first or 0), "parts": parts}
+        payload = bytearray(self.layout.blank)
+        self._encode_fields(
+            payload, [own[f.name] if f.name in own else getattr(message, f.attribute) for f in self._fields]
+        )
+        slots = np.frombuffer(payload, self._slots.dtype, len(index), self._slots.offset)
+        self._x.put(slots, self._x.counts_of(xy_px[:, 0]))
+        self._y.put(slots, self._y.counts_of(xy_px[:, 1]))
+        if self._index is not None:
+            self._index.put(slots, self._index.counts_of(index))
+        return bytes(payload[: self._slots.offset + len(index) * record] if self._slots.are_counted else payload)

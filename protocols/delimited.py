@@ -11,6 +11,7 @@ from protocols.delimiter import Delimiter
 from protocols.frame import (
     BAD_CRC,
     BAD_LENGTH,
+    ECHO,
     MAX_DISCARD_BYTES,
     NO_SYNC,
     TRUNCATED,
@@ -106,8 +107,12 @@ class DelimitedScanner:
             at = self._discard(out, at, end + 1, NO_SYNC, full_since=since)
         else:
             at = self._discard(out, at, at + max(0, self._ends - 1), NO_SYNC)
-            synced = self._synced or self._ends > 0
-            verdict = self._examine(at, at + min(self._ends, 1), end)
+            opened = min(self._ends, 1)
+            begun = self._buffer.rfind(self._layout.begin, at + opened, end) if self._layout.begin else -1
+            if begun > at + opened:  # what stands before the first byte of a line is noise
+                at, opened = self._discard(out, at, begun, NO_SYNC), 0
+            synced = self._synced or self._ends > 0 or begun >= 0
+            verdict = self._examine(at, at + opened, end)
             if isinstance(verdict, Frame):
                 out.append(verdict)
                 at = end + 1
@@ -125,22 +130,22 @@ class DelimitedScanner:
 
     def _examine(self, start: int, at: int, end: int) -> Frame | Reason:
         """The frame of the packet from ``at`` to ``end``, or why there is none; ``start`` is its opening END."""
-        layout = self._layout
         packet = bytes(self._buffer[at:end])
         content = self._delimiter.unpacked(packet)
-        shown = packet if content is None else content
-        if len(shown) < layout.header.size:
-            return BAD_LENGTH
-        code, flags, length, sequence = layout.header.read(shown, 0)
-        size = layout.sizes.get(code)
-        if size is None:
-            return UNKNOWN_TYPE
         if content is None:
-            return BAD_CRC
-        if len(content) != layout.overhead + size or (length is not None and length != size):
-            return BAD_LENGTH
-        if not layout.is_checksum_right(content):
-            return BAD_CRC
-        payload = content[layout.header.size : layout.header.size + size]
+            return self._unpackable(packet)
+        layout = self._layout
+        found = layout.examine(content)
+        if isinstance(found, str):
+            is_echo = layout.other is not None and not isinstance(layout.other.examine(content), str)
+            return ECHO if is_echo else found
+        name, flags, sequence, payload = found
         known_at = self._start + end + 1
-        return Frame(self._start + start, end + 1 - start, layout.names[code], flags, sequence, payload, known_at)
+        return Frame(self._start + start, end + 1 - start, name, flags, sequence, payload, known_at)
+
+    def _unpackable(self, packet: bytes) -> Reason:
+        """Why what cannot be unpacked is no frame: what its first bytes say of it as they are."""
+        layout = self._layout
+        if len(packet) < layout.header.size:
+            return BAD_LENGTH
+        return BAD_CRC if layout.header.read(packet, 0)[0] in layout.sizes else UNKNOWN_TYPE

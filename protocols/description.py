@@ -46,7 +46,10 @@ Word = Annotated[
 ]
 """Words are shown to people: without control characters, which steer what shows them."""
 Note = Annotated[str, StringConstraints(max_length=2000)]
-Code = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
+Code = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)] | Word
+"""The number in the header's type field; in a line of text the word there."""
+Hex = Annotated[str, StringConstraints(strict=True, pattern=r"^([0-9A-Fa-f]{2} ?){1,8}$")]
+"""Bytes as pairs of hexadecimal digits."""
 
 
 class DescriptionPart(BaseModel):
@@ -57,11 +60,24 @@ class DescriptionPart(BaseModel):
     )
 
 
+TEXT_TYPES = ("decimal", "hex", "word", "iso")
+"""Types of a field in a line of text."""
+
+
 class FieldDescription(DescriptionPart):
-    """One number of a header, payload or slot; without an offset it follows the field before it."""
+    """One number of a header, payload or slot; without an offset it follows the field before it.
+
+    With a ``mask`` it is some bits of its word; the next field with a mask of other bits stands in the same word.
+    """
 
     name: Name
-    type: Literal["u8", "u16", "u32", "u64", "i8", "i16", "i32", "i64", "f32", "f64"]
+    type: Literal[
+        "u8", "u16", "u24", "u32", "u64", "i8", "i16", "i24", "i32", "i64", "f32", "f64",
+        "decimal", "hex", "word", "iso",
+    ]  # fmt: skip
+    mask: Annotated[int, Field(strict=True, ge=1, le=2**64 - 1)] | None = None
+    value: Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)] | None = None
+    digits: Annotated[int, Field(strict=True, ge=0, le=15)] | None = None
     array: Annotated[int, Field(strict=True, ge=1, le=MAX_REPEAT)] | None = None
     offset: Annotated[int, Field(strict=True, ge=0, le=MAX_LENGTH_LIMIT)] | None = None
     unit: str | None = None
@@ -74,10 +90,24 @@ class FieldDescription(DescriptionPart):
     note: Note = ""
 
 
-class SlotsDescription(DescriptionPart):
-    """The same fields again and again: the objects of a panorama."""
+class PartsDescription(DescriptionPart):
+    """A panorama that comes in several frames: the fields that number the frame, and tell how many there are."""
 
-    repeat: Annotated[int, Field(strict=True, ge=1, le=MAX_REPEAT)]
+    field: Literal["part"] = "part"
+    of: Literal["parts"] = "parts"
+    first: Literal[0, 1] = 1
+
+
+class SlotsDescription(DescriptionPart):
+    """The same fields again and again: the objects of a panorama.
+
+    ``repeat`` slots are always sent; or as many as the field ``count`` says, ``most`` of them.
+    """
+
+    repeat: Annotated[int, Field(strict=True, ge=1, le=MAX_REPEAT)] | None = None
+    count: Literal["count"] | None = None
+    most: Annotated[int, Field(strict=True, ge=1, le=MAX_REPEAT)] | None = None
+    parts: PartsDescription | None = None
     offset: Annotated[int, Field(strict=True, ge=0, le=MAX_LENGTH_LIMIT)] | None = None
     fields: Annotated[list[FieldDescription], Field(min_length=1, max_length=MAX_FIELDS)]
     note: Note = ""
@@ -86,7 +116,7 @@ class SlotsDescription(DescriptionPart):
 class MessageDescription(DescriptionPart):
     """One frame type; ``length`` is its one allowed payload length, checked against the fields where both stand."""
 
-    code: Code
+    code: Code | None = None
     direction: Literal["from sensor", "to sensor"]
     length: Annotated[int, Field(strict=True, ge=0)] | None = None
     fields: Annotated[list[FieldDescription], Field(max_length=MAX_FIELDS)] = []
@@ -96,10 +126,23 @@ class MessageDescription(DescriptionPart):
 
 
 class FramingDescription(DescriptionPart):
-    """How frames are told apart: by a sync word before each, or by a byte at the end of each (protocols.delimiter)."""
+    """How frames are told apart: docs/protocols.md explains each kind and the keys that it has."""
 
     kind: str
     sync_word: Annotated[str, StringConstraints(strict=True, pattern=r"^([0-9A-Fa-f]{2} ?){2,8}$")] | None = None
+    end_word: Hex | None = None
+    start: Hex | None = None
+    end: Hex | None = None
+    escape: Hex | None = None
+    begin: Annotated[str, StringConstraints(strict=True, pattern=r"^[!-~]$")] | None = None
+    separator: Annotated[str, StringConstraints(strict=True, pattern=r"^[ -~]$")] | None = None
+
+
+class CoversDescription(DescriptionPart):
+    """The part of a frame that a checksum is over: from the first byte of one to the last byte of the other."""
+
+    start: Annotated[str, Field(alias="from")] = "header"
+    end: Annotated[str, Field(alias="to")] = "payload"
 
 
 class ChecksumDescription(DescriptionPart):
@@ -107,7 +150,23 @@ class ChecksumDescription(DescriptionPart):
 
     name: str
     covers_sync_word: bool = False
+    covers: CoversDescription | None = None
     byte_order: Literal["big", "little"] | None = None
+
+
+class SequenceDescription(DescriptionPart):
+    """How the sequence number counts: by ``step``, up to before ``modulus``, all frames or each message by itself."""
+
+    modulus: Annotated[int, Field(strict=True, ge=2, le=2**64)] | None = None
+    step: Annotated[int, Field(strict=True, ge=1, le=2**32)] = 1
+    per: Literal["direction", "message"] = "direction"
+
+
+class AddressesDescription(DescriptionPart):
+    """The usual addresses of sensor and host on a line that others share."""
+
+    sensor: Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
+    host: Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
 
 
 class Description(DescriptionPart):
@@ -118,8 +177,10 @@ class Description(DescriptionPart):
     note: Note = ""
     byte_order: Literal["big", "little"]
     framing: FramingDescription
-    header: Annotated[list[FieldDescription], Field(min_length=1, max_length=16)]
+    header: Annotated[list[FieldDescription], Field(max_length=32)] = []
     checksum: ChecksumDescription
+    sequence: SequenceDescription = SequenceDescription()
+    addresses: AddressesDescription | None = None
     length_limit: Annotated[int, Field(strict=True, ge=0, le=MAX_LENGTH_LIMIT)] = 1024
     scale: Scale = Fraction(1)
     messages: Annotated[dict[Name, MessageDescription], Field(min_length=1, max_length=MAX_MESSAGES)]

@@ -3,14 +3,19 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-Reason = Literal["no sync", "unknown type", "bad length", "bad crc", "truncated"]
+Reason = Literal["no sync", "unknown type", "bad length", "bad crc", "truncated", "echo", "not for us", "part missing"]
 
 NO_SYNC: Reason = "no sync"
 UNKNOWN_TYPE: Reason = "unknown type"
 BAD_LENGTH: Reason = "bad length"
 BAD_CRC: Reason = "bad crc"
 TRUNCATED: Reason = "truncated"
-REASONS: tuple[Reason, ...] = (NO_SYNC, UNKNOWN_TYPE, BAD_LENGTH, BAD_CRC, TRUNCATED)
+ECHO: Reason = "echo"
+NOT_FOR_US: Reason = "not for us"
+PART_MISSING: Reason = "part missing"
+REASONS: tuple[Reason, ...] = (
+    NO_SYNC, UNKNOWN_TYPE, BAD_LENGTH, BAD_CRC, TRUNCATED, ECHO, NOT_FOR_US, PART_MISSING,
+)  # fmt: skip
 
 MAX_DISCARD_BYTES = 4096
 """A discard is reported when its end is known, or when it has this many bytes: 0.4 s of garbage at 115200 baud."""

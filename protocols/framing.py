@@ -2,24 +2,26 @@
 
 from protocols.delimited import DelimitedScanner
 from protocols.frame import Discard, Frame
+from protocols.parts import PartsJoiner, Scanner
 from protocols.protocol import Protocol
 from protocols.syncword import SyncWordScanner
+from protocols.unmarked import UnmarkedScanner
 
 
 class FrameDecoder:
     """Finds the frames in a stream: those that the sensor sends, those that it is sent, or both (``from_sensor`` None).
 
-    A message that goes the other way is of an unknown type there: an echo is not a frame, nor is its number counted.
+    A message that goes the other way is no frame there: it is of an unknown type, or with ``echoes``, which is for a
+    line that may give back what is sent, an `echo`.
     However the stream is cut into pieces, the same frames and the same discards come out, in the order of the stream.
     Always bytes_in == bytes_framed + bytes_discarded + pending.
     """
 
-    def __init__(self, protocol: Protocol, *, from_sensor: bool | None = None) -> None:
+    def __init__(self, protocol: Protocol, *, from_sensor: bool | None = None, echoes: bool = False) -> None:
         self.bytes_in = 0
         self.bytes_framed = 0
         self.bytes_discarded = 0
-        layout = protocol.frame_layout if from_sensor is None else protocol.one_way_layout(from_sensor=from_sensor)
-        self._scanner = DelimitedScanner(layout, layout.delimiter) if layout.delimiter else SyncWordScanner(layout)
+        self._scanner = _scanner(protocol, from_sensor=from_sensor, echoes=echoes)
 
     @property
     def pending(self) -> int:
@@ -55,3 +57,14 @@ class FrameDecoder:
             else:
                 self.bytes_discarded += len(item.data)
         return found
+
+
+def _scanner(protocol: Protocol, *, from_sensor: bool | None, echoes: bool) -> Scanner:
+    layout = protocol.frame_layout
+    if from_sensor is not None:
+        layout = protocol.one_way_layout(from_sensor=from_sensor, echoes=echoes)
+    if layout.delimiter:
+        scanner: Scanner = DelimitedScanner(layout, layout.delimiter)
+    else:
+        scanner = SyncWordScanner(layout) if layout.sync_word else UnmarkedScanner(layout)
+    return PartsJoiner(scanner, protocol.panoramas) if protocol.panoramas and protocol.panoramas.in_parts else scanner

@@ -1,5 +1,6 @@
 """Compiled protocol, ready to decode and encode."""
 
+import copy
 import dataclasses
 import difflib
 import functools
@@ -15,9 +16,11 @@ from protocols.codec import MessageCodec, PanoramaCodec
 from protocols.description import Description
 from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
-from protocols.layout import FrameLayout, compile_frame, compile_messages
-from protocols.messages import Message, Other, PanoramaColumns
+from protocols.layout import Addresses, FrameLayout, compile_frame, compile_messages, one_way
+from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage
+from protocols.parts import PART
 from protocols.reading import MAX_TEXT, DescriptionSource, read_document, validate
+from protocols.text import TextLayout, compile_text
 from protocols.vocabulary import NAME_OF
 
 
@@ -30,13 +33,17 @@ class Protocol:
     def __init__(self, description: Description, text: str, source: DescriptionSource) -> None:
         self.name = description.name
         self.text = text
-        self.frame_layout: FrameLayout = compile_frame(description, source)
+        self.description = description
         layouts = compile_messages(description, source)
+        compiled = compile_text if description.framing.kind == "line" else compile_frame
+        self.frame_layout: FrameLayout = compiled(description, layouts, source)
         commands = {layout.code: name for name, layout in layouts.items() if not layout.from_sensor}
         self._codecs = {
             name: (PanoramaCodec if layout.slots else MessageCodec)(layout, commands)
             for name, layout in layouts.items()
         }
+        panoramas = self._codecs.get("PANORAMA")
+        self.panoramas = panoramas if isinstance(panoramas, PanoramaCodec) else None
 
     def __repr__(self) -> str:
         return f"<Protocol {self.name}: {', '.join(self._codecs)}>"
@@ -68,11 +75,40 @@ class Protocol:
         """Whether messages of this type go from sensor to station."""
         return self._codecs[type_name].layout.from_sensor
 
-    def one_way_layout(self, *, from_sensor: bool) -> FrameLayout:
-        """The layout of the frames that the sensor sends, or of those that it is sent."""
-        layouts = (codec.layout for codec in self._codecs.values())
-        sizes = {layout.code: layout.size for layout in layouts if layout.from_sensor is from_sensor}
-        return dataclasses.replace(self.frame_layout, sizes=sizes)
+    def one_way_layout(self, *, from_sensor: bool, echoes: bool = False) -> FrameLayout:
+        """The layout of the frames that the sensor sends, or of those that it is sent; ``echoes`` as of a decoder."""
+        layouts = [codec.layout for codec in self._codecs.values()]
+        return one_way(self.frame_layout, layouts, from_sensor=from_sensor, echoes=echoes)
+
+    def with_addresses(self, sensor: int | None, host: int | None) -> "Protocol":
+        """The same protocol between other addresses than its description's; EncodeError where it has none."""
+        if sensor is None and host is None:
+            return self
+        own = self.frame_layout.addresses
+        if own is None:
+            raise EncodeError(
+                f"the protocol {self.name} has no addresses: leave out port.address and port.host_address"
+            )
+        found = copy.copy(self)
+        addresses = Addresses(own.sensor if sensor is None else sensor, own.host if host is None else host)
+        found.frame_layout = dataclasses.replace(self.frame_layout, addresses=addresses)
+        return found
+
+    @property
+    def sequence_step(self) -> int:
+        """By which a sequence number goes on from frame to frame."""
+        return self.description.sequence.step
+
+    @property
+    def counts_each_message(self) -> bool:
+        """Whether each message has a sequence number of its own."""
+        return self.description.sequence.per == "message"
+
+    def frames_of(self, message: Message) -> int:
+        """How many frames say this message."""
+        return (
+            self.panoramas.parts(len(message.index)) if isinstance(message, PanoramaMessage) and self.panoramas else 1
+        )
 
     def flags_of(self, frame: Frame) -> frozenset[str]:
         """The names of the header's flags that are set; ``stored`` is data that is not live."""
@@ -82,6 +118,8 @@ class Protocol:
 
     def decode(self, frame: Frame) -> Message:
         """The message of a frame of this protocol's own decoder; invalid values are listed in its ``problems``."""
+        if frame.type == PART:
+            return Other(PART, frame.payload)
         return self._codecs[frame.type].decode(frame.payload)
 
     def decode_panoramas(self, frames: Sequence[Frame]) -> PanoramaColumns:
@@ -99,7 +137,12 @@ class Protocol:
         if name not in self._codecs:
             raise EncodeError(f"the protocol {self.name} has no {name}: it has {', '.join(self._codecs)}")
         codec = self._codecs[name]
-        return self.encode_payload(name, codec.encode(message), sequence, flags)
+        if not isinstance(codec, PanoramaCodec):
+            return self.encode_payload(name, codec.encode(message), sequence, flags)
+        payloads, step = codec.encode_parts(message), self.sequence_step
+        return b"".join(
+            [self.encode_payload(name, payload, sequence + at * step, flags) for at, payload in enumerate(payloads)]
+        )
 
     def as_sent(self, message: Message) -> Message:
         """The message as it is read at the other end: its values as counts of the wire; EncodeError as for encode."""
@@ -109,14 +152,12 @@ class Protocol:
     def encode_payload(self, type_name: str, payload: bytes, sequence: int, flags: int = 0) -> bytes:
         """The bytes on the wire of a payload, without a check of its content."""
         layout, frames = self._codecs[type_name].layout, self.frame_layout
-        if len(payload) != layout.size:
+        is_any = isinstance(frames, TextLayout) and layout.form is None
+        if not is_any and not layout.can_have(len(payload)):
             raise EncodeError(f"{type_name} has {layout.size} bytes of payload, not {len(payload)}")
         if not 0 <= flags <= frames.header.largest_flags:
             raise EncodeError(f"flags cannot be {flags}: the header has room for 0 to {frames.header.largest_flags}")
-        header = frames.header.write(layout.code, flags, layout.size, sequence)
-        content = frames.sync_word + header + payload
-        content += frames.checksum_of(content)
-        return frames.delimiter.packed(content) if frames.delimiter else content
+        return frames.frame(layout, payload, sequence, flags)
 
 
 @functools.lru_cache(maxsize=16)

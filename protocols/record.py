@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from protocols.description import MAX_LENGTH_LIMIT, Description, FieldDescription, SlotsDescription
+from protocols.description import MAX_LENGTH_LIMIT, TEXT_TYPES, Description, FieldDescription, SlotsDescription
 from protocols.errors import DescriptionError
 from protocols.reading import DescriptionSource, Path
 from protocols.vocabulary import SPARE, Kind, Role, Unit
@@ -17,12 +17,16 @@ from protocols.vocabulary import SPARE, Kind, Role, Unit
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A field, or a block of slots (``field`` is None), with the bytes that it takes."""
+    """A field, or a block of slots (``field`` is None), with the bytes that it takes.
+
+    ``shares`` says that it is bits of the same word as the field before it.
+    """
 
     field: FieldDescription | None
     offset: int
     size: int
     path: Path
+    shares: bool = False
 
     @property
     def end(self) -> int:
@@ -45,27 +49,60 @@ def place(
     """The fields in the order of the description, then the slots; DescriptionError where two overlap."""
     placed: list[Placed] = []
     end = 0
+    taken = 0
     for number, field in enumerate(fields):
-        offset = end if field.offset is None else field.offset
-        placed.append(Placed(field, offset, width(field) * (field.array or 1), (*path, number)))
+        _check_mask(field, source, (*path, number))
+        shares = bool(taken) and _is_in_the_word_of(field, placed[-1].field, taken)
+        offset = placed[-1].offset if shares else end if field.offset is None else field.offset
+        placed.append(Placed(field, offset, width(field) * (field.array or 1), (*path, number), shares))
+        taken = (taken if shares else 0) | (field.mask or 0)
         end = placed[-1].end
     if slots is not None:
         record = max(p.end for p in place(slots.fields, source, (*slots_path, "fields")))
         offset = end if slots.offset is None else slots.offset
-        placed.append(Placed(None, offset, record * slots.repeat, slots_path))
-    _refuse_overlaps(placed, source)
+        placed.append(Placed(None, offset, record * (slots.repeat or slots.most or 1), slots_path))
+    _refuse_overlaps([p for p in placed if not p.shares], source)
     return placed
 
 
+def _is_in_the_word_of(field: FieldDescription, before: FieldDescription | None, taken: int) -> bool:
+    """Whether a field is other bits of the word of the field before it, of which these are ``taken``."""
+    is_same = before is not None and width(before) == width(field)
+    return field.mask is not None and field.offset is None and is_same and not field.mask & taken
+
+
+def _check_mask(field: FieldDescription, source: DescriptionSource, path: Path) -> None:
+    mask = field.mask
+    if field.array is not None and width(field) == 3:
+        raise source.error("numbers of 24 bits stand one by one", (*path, "array"))
+    if mask is None:
+        return
+    if field.type[0] not in "ui" or field.type in TEXT_TYPES or field.array is not None:
+        raise source.error("only a single integer has bits to choose", (*path, "mask"))
+    if mask >> 8 * width(field):
+        raise source.error(f"0x{mask:X} does not fit {field.type}", (*path, "mask"))
+    if "01" in f"{mask:b}":
+        raise source.error(f"0x{mask:X} has a gap: expected bits that stand side by side", (*path, "mask"))
+
+
 def width(field: FieldDescription) -> int:
-    """Bytes of one number of this field."""
-    return int(field.type[1:]) // 8
+    """Bytes of one number of this field, as the station holds it where the wire has text."""
+    return 8 if field.type in TEXT_TYPES else int(field.type[1:]) // 8
+
+
+def bits(field: FieldDescription) -> tuple[int, int]:
+    """The lowest bit of its word that is the field's, and how many are."""
+    if field.mask is None:
+        return 0, 8 * width(field)
+    return (field.mask & -field.mask).bit_length() - 1, field.mask.bit_count()
 
 
 def check_words(field: FieldDescription, source: DescriptionSource, path: Path) -> None:
     """Refuses names of bits and values that the type does not have, and a name that stands twice."""
-    bits = 8 * width(field)
-    for key, words, largest in (("bits", field.bits or {}, bits - 1), ("values", field.values or {}, 2**bits - 1)):
+    many = bits(field)[1]
+    if field.value is not None and field.value >= 2**many:
+        raise source.error(f"{field.value} does not fit its {many} bits", (*path, "value"))
+    for key, words, largest in (("bits", field.bits or {}, many - 1), ("values", field.values or {}, 2**many - 1)):
         for number in words:
             if number > largest:
                 raise source.error(f"{number} does not fit {field.type}", (*path, key))
@@ -93,11 +130,18 @@ def _overlap(before: Placed, after: Placed, source: DescriptionSource) -> Descri
 
 @dataclass(frozen=True, slots=True)
 class FieldLayout:
-    """A standard field: value = factor * count + zero, in the unit of its attribute's name."""
+    """A standard field: value = factor * count + zero, in the unit of its attribute's name.
+
+    ``word`` is what numpy reads at its place, ``shift`` and ``width`` (of bits) are its part of that word.
+    """
 
     name: str
     role: Role
-    format: str
+    word: str
+    shift: int
+    width: int
+    is_signed: bool
+    is_float: bool
     array: int | None
     factor: Fraction
     zero: Fraction
@@ -106,9 +150,13 @@ class FieldLayout:
     words: Mapping[int, str]
 
     @property
-    def is_float(self) -> bool:
-        """Whether the wire carries a floating-point number."""
-        return self.format[-2] == "f"
+    def is_packed(self) -> bool:
+        """Whether numpy reads no number of its own at its place, but three bytes, or a word of which it is a part."""
+        return self.word == BYTES_3 or self.width != 8 * int(self.word[-1])
+
+
+BYTES_3 = "(3,)u1"
+"""How numpy reads a number of three bytes."""
 
 
 def order_of(byte_order: str) -> str:
@@ -136,7 +184,7 @@ def compile_record(
         _check_field(field, roles[field.name], source, path)
         layouts.append(_layout(field, roles[field.name], description))
         offsets.append(item.offset)
-    formats = [(f.format, (f.array,)) if f.array else f.format for f in layouts]
+    formats = [f"({f.array},){f.word}" if f.array else f.word for f in layouts]
     names = [f.name for f in layouts]
     return tuple(layouts), np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
 
@@ -146,10 +194,19 @@ def _layout(field: FieldDescription, role: Role, description: Description) -> Fi
     if scale is None:
         scale = description.scale if "px" in role.units else Fraction(1)
     unit = role.units[field.unit] if field.unit else Unit()
+    shift, many = bits(field)
+    is_text = field.type in TEXT_TYPES
+    kind = field.type[0] if not is_text else "f" if role.kind is Kind.NUMBER and field.type == "decimal" else "i"
+    order = order_of(description.byte_order)
+    word = f"{order}{'u' if field.mask else kind}{width(field)}"
     return FieldLayout(
         name=field.name,
         role=role,
-        format=order_of(description.byte_order) + field.type[0] + str(width(field)),
+        word=BYTES_3 if width(field) == 3 else word,
+        shift=shift,
+        width=many,
+        is_signed=kind == "i",
+        is_float=kind == "f",
         array=field.array,
         factor=unit.factor * scale,
         zero=unit.factor * field.zero + unit.zero,
@@ -180,7 +237,8 @@ def _check_field(field: FieldDescription, role: Role, source: DescriptionSource,
         "bits": field.bits is not None and role.kind is not Kind.BITS,
         "values": field.values is not None and role.kind is not Kind.WORD,
         "array": field.array is not None and role.kind is not Kind.INTEGERS,
-        "type": field.type[0] == "f" and not has_scale,
+        "value": field.value is not None,
+        "type": field.type in ("f32", "f64") and not has_scale,
     }
     for key in (key for key, is_wrong in wrong.items() if is_wrong):
         reason = "expected an integer type" if key == "type" else f"{field.name} has none"

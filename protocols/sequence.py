@@ -94,17 +94,17 @@ _NEXT, _GAP, _DUPLICATE, _LATE, _CHAOS, _RESET = Arrival
 class SequenceTracker:
     """Classifies and counts the sequence numbers of one direction; all message types share one counter.
 
-    ``modulus`` is where the number wraps; 0 stands for a protocol without sequence numbers, where every frame is NEXT
-    unless its clock jumps back.
+    ``modulus`` is where the number wraps, ``step`` by which it goes on; 0 stands for a protocol without sequence
+    numbers, where every frame is NEXT unless its clock jumps back.
     """
 
-    def __init__(self, modulus: int = MODULUS) -> None:
+    def __init__(self, modulus: int = MODULUS, step: int = 1) -> None:
         self.duplicates = 0
         self.lost = 0
         self.late = 0
         self.resets = 0
         self.last_gap = 0
-        self._modulus = modulus
+        self._modulus, self._step = modulus, step
         self._budget = FrameBudget()
         self._forget()
 
@@ -114,6 +114,10 @@ class SequenceTracker:
         self._timed: int | None = None
         self._seen: dict[tuple[int, int | None], None] = {}
         self._missing: deque[int] = deque(maxlen=RECENT)
+
+    def start_anew(self) -> None:
+        """Take the next frame as the first: the sensor is known to have started anew."""
+        self._forget()
 
     @property
     def last(self) -> int | None:
@@ -177,7 +181,7 @@ class SequenceTracker:
         if elapsed_s is not None:
             self._budget.pass_time(elapsed_s)
         if sensor_s is not None and self._timed is not None:
-            self._budget.learn(sensor_s, (sequence - self._timed) % (self._modulus or 1))
+            self._budget.learn(sensor_s, self._steps(self._timed, sequence) if self._modulus else 0)
         if time_us is not None:
             self._timed = sequence
         return elapsed_s is not None
@@ -192,21 +196,25 @@ class SequenceTracker:
             return _RESET
         if self._last is None:
             return _NEXT
-        step = (sequence - self._last) % self._modulus
-        if self._missing and (self._last - sequence) % self._modulus <= RECENT and sequence in self._missing:
+        steps = self._steps(self._last, sequence)
+        if self._missing and self._steps(sequence, self._last) <= RECENT and sequence in self._missing:
             return _LATE
         if clock_back:
             return _RESET
-        if step == 1:
+        if steps == 1:
             return _NEXT
         # Without a clock, more than half a turn forward is taken for a step back: the counter started anew.
-        return _GAP if time_us is not None or step <= self._modulus // 2 else _RESET
+        return _GAP if time_us is not None or steps <= self._modulus // self._step // 2 else _RESET
+
+    def _steps(self, before: int, sequence: int) -> int:
+        """How many steps lead from one number to another; one between two steps counts as the later of them."""
+        return -(-((sequence - before) % self._modulus) // self._step)
 
     def _gap_before(self, sequence: int) -> int:
         assert self._last is not None
-        return (sequence - self._last) % self._modulus - 1
+        return self._steps(self._last, sequence) - 1
 
     def _count_gap(self, sequence: int) -> None:
         self.lost += self.last_gap
         for back in range(min(self.last_gap, RECENT), 0, -1):
-            self._missing.append((sequence - back) % self._modulus)
+            self._missing.append((sequence - back * self._step) % self._modulus)

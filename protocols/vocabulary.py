@@ -25,7 +25,7 @@ from protocols.messages import (
 SPARE = "spare"
 """A field that the station has no use for: written as zero, not looked at when read."""
 
-HEADER_FIELDS = ("type", "flags", "length", "sequence")
+HEADER_FIELDS = ("type", "flags", "length", "sequence", "destination", "source")
 
 
 class Kind(Enum):
@@ -90,28 +90,37 @@ class Form:
 
 
 _TIME = Role("time_us", Kind.INTEGER, _MICROSECONDS, required=True)
+_PARTS_OF_TIME = {
+    "fraction": Role("time_us", Kind.INTEGER, _MICROSECONDS),
+    "week": Role("time_us", Kind.INTEGER, {"week": Unit(Fraction(7 * 86_400 * 10**6))}),
+}
+"""What is added to ``time`` where a sensor's time stands in several fields."""
 
 FORMS: Mapping[str, Form] = {
     "PANORAMA": Form(
         PanoramaMessage,
         {
             "time": _TIME,
+            **_PARTS_OF_TIME,
             "frame_no": Role("frame_no"),
             "exposure": Role("exposure_s", Kind.NUMBER, _SECONDS),
             "status": Role("flags", Kind.BITS),
             "temperature": Role("temperature_c", Kind.NUMBER, _CELSIUS),
             "count": Role("count"),
+            "part": Role("part"),
+            "parts": Role("parts"),
         },
         {
             "y": Role("xy_px", Kind.NUMBER, _PIXELS, required=True),
             "x": Role("xy_px", Kind.NUMBER, _PIXELS, required=True),
-            "index": Role("index", Kind.NUMBER, required=True),
+            "index": Role("index", Kind.NUMBER),
         },
     ),
     "STATUS": Form(
         StatusMessage,
         {
             "time": Role("time_us", Kind.INTEGER, _MICROSECONDS),
+            **_PARTS_OF_TIME,
             "frames_taken": Role("frames_taken"),
             "frames_sent": Role("frames_sent"),
             "commands_ok": Role("commands_ok"),
@@ -127,6 +136,7 @@ FORMS: Mapping[str, Form] = {
         AttitudeMessage,
         {
             "time": _TIME,
+            **_PARTS_OF_TIME,
             "frame_no": Role("frame_no"),
             "ra": Role("ra_deg", Kind.NUMBER, _RIGHT_ASCENSION),
             "de": Role("de_deg", Kind.NUMBER, _DEGREES),

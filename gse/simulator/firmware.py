@@ -20,6 +20,7 @@ from gse.simulator.scenario import Firmware as Traits
 from gse.simulator.scenario import profile_at
 from gse.values.instant import NS_PER_S
 from protocols import (
+    NAME_OF,
     Ack,
     AttitudeMessage,
     Discard,
@@ -106,11 +107,12 @@ class SensorFirmware:
         self._power_on_ns = power_on_ns
         self._exposure_s, self._period_s = self._first_exposure_s, self._first_period_s
         self._next_start_ns = ready_ns if self._period_s is not None else None
-        self._sequence = self._frame_no = self._frames_sent = self._commands_ok = self._commands_bad = 0
+        self._frame_no = self._frames_sent = self._commands_ok = self._commands_bad = 0
+        self._sequence: dict[str, int] = {}
         self._clock_was_reset = True
         self._ready_ns = ready_ns
         self._status_due_ns = ready_ns + round((self._traits.status_every_s or 0.0) * NS_PER_S)
-        self._decoder = FrameDecoder(self._protocol)
+        self._decoder = FrameDecoder(self._protocol, from_sensor=False, echoes=True)
         self._refused_at = -1
         self._processed: deque[tuple[int, AttitudeMessage]] = deque()
 
@@ -202,10 +204,6 @@ class SensorFirmware:
         return []
 
     def _obey(self, frame: Frame, utc_ns: int) -> Iterator[Message]:
-        if self._protocol.is_from_sensor(frame.type):
-            # An echo of its own frames: an answer would be echoed too, for ever.
-            self._commands_bad = (self._commands_bad + 1) % _COUNTERS_WRAP_AT
-            return
         command = self._protocol.decode(frame)
         if not isinstance(command, Ping | Start | Stop | Request | SetExposure):
             yield self._refuse(frame.type, "unknown", frame.sequence)
@@ -246,6 +244,9 @@ class SensorFirmware:
         if discard is None or discard.start <= self._refused_at:
             return
         self._refused_at = discard.start
+        if discard.reason == "echo":
+            # Of its own frames: an answer would be echoed too, for ever.
+            self._commands_bad = (self._commands_bad + 1) % _COUNTERS_WRAP_AT
         layout = self._protocol.frame_layout
         reason, offset = _NAK_REASONS.get(discard.reason), len(layout.sync_word)
         if reason and offset and len(discard.data) >= offset + layout.header.size:
@@ -257,8 +258,12 @@ class SensorFirmware:
         return Nak(command, reason, max(sequence, 0))
 
     def _send(self, message: Message, ready_ns: int) -> Transmission:
-        data = self._protocol.encode(message, self._sequence)
-        self._sequence = (self._sequence + 1) % (self._protocol.sequence_modulus or 1)
+        protocol = self._protocol
+        counter = NAME_OF[type(message)] if protocol.counts_each_message else ""
+        sequence = self._sequence.get(counter, 0)
+        data = protocol.encode(message, sequence)
+        steps = protocol.frames_of(message) * protocol.sequence_step
+        self._sequence[counter] = (sequence + steps) % (protocol.sequence_modulus or 1)
         start_ns = max(ready_ns, self._line_free_ns)
         self._line_free_ns = start_ns + len(data) * self._byte_ns
         return Transmission(start_ns, data)

@@ -52,7 +52,7 @@ from gse.station.byte_stream import ByteStream, FrameAt
 from gse.station.events import ClockStep, StationKind
 from gse.station.results import LinkCounters, OwnAnswer
 from gse.values.instant import LAST_NS, NS_PER_S, bounded
-from gse.values.panorama import Panorama, Panoramas, Parts
+from gse.values.panorama import MAX_OBJECTS, Panorama, Panoramas, Parts
 from protocols import (
     Ack,
     Arrival,
@@ -65,6 +65,7 @@ from protocols import (
     SequenceTracker,
     StatusMessage,
 )
+from protocols.parts import PART
 from protocols.sequence import RECENT
 
 # The sensor's clock against the host's: UTC of an exposure from the sensor's own time tag.
@@ -140,21 +141,30 @@ _Stamped = tuple[int, int, int | None]
 class Arrivals:
     """Classifies the frames of a stream, in their order; ``has_times`` where the host's stamps mean something.
 
-    ``others_lost`` of the lost frames were certainly no panoramas.
+    ``others_lost`` of the lost frames were certainly no panoramas; ``before`` is the number before that of the latest.
     """
 
     def __init__(self, protocol: Protocol, counters: LinkCounters, *, has_times: bool) -> None:
         self._protocol = protocol
         self._counters = counters
         self._has_times = has_times
-        self._sequence = SequenceTracker(protocol.sequence_modulus)
+        self._trackers: dict[str, SequenceTracker] = {}
+        self._sequence = self._tracker("")
         self._latest: deque[bytes] = deque(maxlen=RECENT)
         self._before: _Stamped | None = None
-        self._frame_mono_ns: int | None = None
+        self._frame_mono_ns: dict[SequenceTracker, int] = {}
         self._repeats = 0
         self._panorama_before: tuple[int, int] | None = None
         self._resets = 0
         self.others_lost = 0
+        self.before: int | None = None
+
+    def _tracker(self, type_name: str) -> SequenceTracker:
+        """What counts the frames of a type: one for all, but where the protocol counts each message by itself."""
+        name = type_name if self._protocol.counts_each_message else ""
+        if name not in self._trackers:
+            self._trackers[name] = SequenceTracker(self._protocol.sequence_modulus, self._protocol.sequence_step)
+        return self._trackers[name]
 
     def clock_step(self, at: FrameAt, time_us: int | None) -> ClockStep | None:
         """The step since the frame before, by the stamps as they came: stamps that no clock has may stand still.
@@ -177,8 +187,12 @@ class Arrivals:
     def accept(self, frame: Frame, mono_ns: int, time_us: int | None, *, restarted: bool) -> Arrival:
         """Classify a frame, counted; ``time_us`` is that of an exposure, ``restarted`` the sensor's own word."""
         elapsed_s = None
-        if self._has_times and self._frame_mono_ns is not None:
-            elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
+        if self._protocol.counts_each_message:
+            self._sequence = self._tracker("PANORAMA" if frame.type == PART else frame.type)
+        self.before = self._sequence.last
+        before_ns = self._frame_mono_ns.get(self._sequence)
+        if self._has_times and before_ns is not None:
+            elapsed_s = (mono_ns - before_ns) / NS_PER_S
         if frame.flags and "stored" in self._protocol.flags_of(frame):
             time_us, restarted = None, False
         # What bears a number again need not be a copy: that has the same bytes as one of the latest frames.
@@ -191,16 +205,16 @@ class Arrivals:
         )
         self._latest.append(frame.payload)
         if arrival is not Arrival.DUPLICATE:
-            self._frame_mono_ns = mono_ns
-        self._counters.duplicates = self._sequence.duplicates
-        self._counters.frames_lost = self._sequence.lost
-        self._counters.sensor_resets = self._sequence.resets
+            self._frame_mono_ns[self._sequence] = mono_ns
+        if arrival is Arrival.RESET:
+            for tracker in self._trackers.values():
+                if tracker is not self._sequence:
+                    tracker.start_anew()
+        trackers = self._trackers.values()
+        self._counters.duplicates = sum(of.duplicates for of in trackers)
+        self._counters.frames_lost = sum(of.lost for of in trackers)
+        self._counters.sensor_resets = sum(of.resets for of in trackers)
         return arrival
-
-    @property
-    def last(self) -> int | None:
-        """The sequence number of the latest frame; None before the first."""
-        return self._sequence.last
 
     def new_panorama(self, frame_no: int) -> None:
         """A panorama came that is not a copy.
@@ -209,7 +223,7 @@ class Arrivals:
         number: between panoramas of consecutive ones no panorama is lost.
         """
         self._repeats = 0
-        lost, before = self._sequence.lost, self._panorama_before
+        lost, before = self._counters.frames_lost, self._panorama_before
         if before is not None and before[0] < frame_no and self._counters.sensor_resets == self._resets:
             exposures = frame_no - before[0] - 1
             self.others_lost += max(lost - before[1] - exposures, 0)
@@ -354,6 +368,8 @@ class Reception:
         utc_ns = bounded(self._utc_of(time_us, exposure_s, host_utc_ns, mono_ns))
         self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
+        objects = int(columns.first[row + 1] - columns.first[row])
+        self.counters.objects_beyond += max(objects - MAX_OBJECTS, 0)
         made.append((row, utc_ns, host_utc_ns, max(at.frame.sequence, 0), exposure_s))
         return events
 
@@ -394,11 +410,10 @@ class Reception:
         restarted: bool,
     ) -> Arrival:
         """The class of a frame by its sequence number; its event is added to ``events``."""
-        before = self._arrivals.last
         arrival = self._arrivals.accept(at.frame, mono_ns, time_us, restarted=restarted)
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
         if arrival is Arrival.CHAOS:
-            text = chaos_in_words(at.frame.sequence, before)
+            text = chaos_in_words(at.frame.sequence, self._arrivals.before)
             events.append(LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text))
         elif arrival is Arrival.RESET:
             self._clock.reset()
@@ -452,6 +467,10 @@ def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:
     wire_rows = np.arange(parts.first[-1]) - np.repeat(parts.first[:-1], counts)
     at = wire_rows + np.repeat(columns.first[list(rows)], counts)
     order = _brightest_first(columns.index.take(at), parts)
+    if counts.max(initial=0) > MAX_OBJECTS:
+        kept = wire_rows < MAX_OBJECTS  # the place in the panorama is that of the order, too
+        order = np.arange(len(at))[order][kept]
+        parts = Parts.of_counts(np.minimum(counts, MAX_OBJECTS))
     temperature_c = np.array([columns.temperature_c[row] for row in rows], dtype=np.float64)
     return Panoramas(
         parts,

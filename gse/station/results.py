@@ -175,7 +175,7 @@ class LinkCounters:
     """Counters of all received bytes and all expected frames.
 
     ``frames_repeated`` counts the panoramas that a frozen sensor sent again and again instead of new ones; they are
-    among the ``duplicates``.
+    among the ``duplicates``. ``objects_beyond`` are those of panoramas of which only the 30 brightest are looked at.
     """
 
     bytes_in: int = 0
@@ -186,5 +186,6 @@ class LinkCounters:
     duplicates: int = 0
     frames_repeated: int = 0
     frames_lost: int = 0
+    objects_beyond: int = 0
     sensor_resets: int = 0
     reconnects: int = 0

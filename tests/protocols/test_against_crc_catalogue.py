@@ -1,6 +1,7 @@
 """Checksums against the published check values (CRC RevEng catalogue; CRC-32 also in the protocol's document)."""
 
 import pytest
+from crccheck.checksum import Checksum8, ChecksumXor8
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,6 +16,14 @@ CHECK_VALUES = {
     "crc16-x25": 0x906E,
     "crc16-kermit": 0x2189,
     "crc16-modbus": 0x4B37,
+    "crc16-arc": 0xBB3D,
+    "crc8": 0xF4,
+    "crc8-maxim": 0xA1,
+    "crc8-sae-j1850": 0x4B,
+    "crc24-openpgp": 0x21CF02,
+    "crc24-ble": 0xC25A56,
+    "crc32-iscsi": 0xE3069283,
+    "crc32-mpeg-2": 0x0376E6E7,
 }
 
 # name: polynomial, initial value, reflected, xor-out; as the catalogue gives them
@@ -27,11 +36,21 @@ PARAMETERS = {
     "crc16-x25": (0x1021, 0xFFFF, True, 0xFFFF),
     "crc16-kermit": (0x1021, 0, True, 0),
     "crc16-modbus": (0x8005, 0xFFFF, True, 0),
+    "crc16-arc": (0x8005, 0, True, 0),
+    "crc8": (0x07, 0, False, 0),
+    "crc8-maxim": (0x31, 0, True, 0),
+    "crc8-sae-j1850": (0x1D, 0xFF, False, 0xFF),
+    "crc24-openpgp": (0x864CFB, 0xB704CE, False, 0),
+    "crc24-ble": (0x00065B, 0x555555, True, 0),
+    "crc32-iscsi": (0x1EDC6F41, 0xFFFFFFFF, True, 0xFFFFFFFF),
+    "crc32-mpeg-2": (0x04C11DB7, 0xFFFFFFFF, False, 0),
 }
+OTHERS = {"xxhash32", "none", "sum8", "xor8", "fletcher16"}
+"""No CRCs."""
 
 
 def test_every_crc_has_a_published_check_value() -> None:
-    assert set(CHECKSUMS) - {"xxhash32"} == set(CHECK_VALUES)
+    assert set(CHECKSUMS) - OTHERS == set(CHECK_VALUES)
 
 
 @pytest.mark.parametrize(
@@ -71,3 +90,15 @@ def bit_by_bit(name: str, data: bytes) -> int:
 def test_any_bytes_give_what_the_definition_gives_bit_by_bit(data: bytes) -> None:
     for name in PARAMETERS:
         assert CHECKSUMS[name].compute(data) == bit_by_bit(name, data)
+
+
+@given(st.binary(max_size=40))
+def test_sums_are_those_of_another_library(data: bytes) -> None:
+    assert CHECKSUMS["sum8"].compute(data) == Checksum8.calc(data)
+    assert CHECKSUMS["xor8"].compute(data) == ChecksumXor8.calc(data)
+
+
+def test_fletcher_16_has_the_published_values() -> None:
+    """Of the article on Fletcher's checksum in Wikipedia."""
+    published = {b"abcde": 0xC8F0, b"abcdef": 0x2057, b"abcdefgh": 0x0627}
+    assert {data: CHECKSUMS["fletcher16"].compute(data) for data in published} == published

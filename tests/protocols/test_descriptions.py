@@ -41,14 +41,21 @@ def example() -> str:
 def test_every_description_of_the_document_can_be_compiled() -> None:
     examples = re.findall(r"```yaml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
     names = [parse_protocol(text, "protocols.md").name for text in examples]
-    assert names == ["example-sensor", "every-key", "panorama-v1-xxhash"]
+    assert names == [
+        "example-sensor",
+        "every-key",
+        "every-key-of-lines",
+        "no-type-no-checksum",
+        "panorama-v1-xxhash",
+    ]
 
 
-def test_the_example_of_every_key_has_every_key() -> None:
-    (text,) = re.findall(r"```yaml\n(version: 1\nname: every-key.*?)```", DOCUMENT.read_text(), re.DOTALL)
+def test_the_examples_of_every_key_have_every_key() -> None:
+    texts = re.findall(r"```yaml\n(version: 1\nname: every-key.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    assert len(texts) == 2
     for model in (Description, MessageDescription, FieldDescription):
         for key in set(model.model_fields) - {"extends"}:
-            assert f"{key}:" in text, key
+            assert any(f"{key}:" in text for text in texts), key
 
 
 def changed(old: str, new: str) -> str:
@@ -58,7 +65,7 @@ def changed(old: str, new: str) -> str:
 
 
 WRONG = {
-    "an unknown type": (changed("type: u64", "type: u24"), "fields[0].type", "'u24'"),
+    "an unknown type": (changed("type: u64", "type: u48"), "fields[0].type", "'u48'"),
     "an unknown key": (changed("length_limit", "lenght_limit"), "lenght_limit", "did you mean length_limit?"),
     "an unknown key of a field": (changed("unit: us", "units: us"), "fields[0].units", "did you mean unit?"),
     "a missing checksum": (changed("checksum: {name: crc32}", ""), "checksum", "is missing"),
@@ -82,12 +89,12 @@ WRONG = {
     "a type code that does not fit": (changed("0x02", "0x102"), "STATUS.code", "does not fit"),
     "a message given twice": (changed("  STOP:", "  PING:"), "messages.PING", "given twice"),
     "an unknown message": (changed("PANORAMA:", "PANORMA:"), "messages.PANORMA", "known are PANORAMA"),
-    "an unknown field": (changed("name: frame_no", "name: frame"), "fields[1].name", "known here: time, frame_no"),
+    "an unknown field": (changed("name: frame_no", "name: frame"), "fields[1].name", "known here: time, fraction"),
     "a field given twice": (changed("name: frame_no, type: u32", "name: count, type: u32"), "fields[5].name", "twice"),
     "a missing field": (
-        changed("{name: index, type: u16, max: 4096}", "{name: spare, type: u16}"),
+        changed("{name: y, type: u16, unit: px}", "{name: spare, type: u16}"),
         "slots.fields",
-        "index",
+        "y is missing",
     ),
     "a panorama without slots": (changed("slots:", "note: |"), "PANORAMA.slots", "is missing"),
     "slots where there are none": (
@@ -109,18 +116,109 @@ WRONG = {
     "a word given twice": (changed("1: acquired", "1: lost"), "ATTITUDE.fields[6].values", "twice"),
     "a bound on bits": (changed("{name: status, ", "{name: status, max: 3, "), "fields[3].max", "has none"),
     "a unit on a spare field": (changed("{name: spare, ", "{name: spare, unit: us, "), "fields[6].unit", "has none"),
-    "a header without type": (changed("  - {name: type, type: u8}\n", ""), "header", "type is missing"),
+    "a header without type": (
+        changed("  - {name: type, type: u8}\n", ""),
+        "PANORAMA.code",
+        "the header has no type",
+    ),
     "a signed header field": (changed("name: type, type: u8", "name: type, type: i8"), "header[0].type", "unsigned"),
-    "a header field that it does not know": (changed("name: flags", "name: source"), "header[1].name", "known here"),
+    "a header field that it does not know": (changed("name: flags", "name: origin"), "header[1].name", "known here"),
     "a sync word without quotes": (changed('"1ACFFC1D"', "12345678"), "framing.sync_word", "in quotes"),
     "a sync word that is not hexadecimal": (changed('"1ACFFC1D"', '"hello"'), "framing.sync_word", "hexadecimal"),
     "a sync word of one byte": (changed('"1ACFFC1D"', '"1A"'), "framing.sync_word", "2 to 8 bytes"),
     "no sync word": (changed(', sync_word: "1ACFFC1D"', ""), "framing.sync_word", "is missing"),
-    "a sync word with SLIP": (changed("kind: sync", "kind: slip"), "framing.sync_word", "SLIP has none"),
-    "an unknown framing": (changed("kind: sync", "kind: cobs"), "framing.kind", "'cobs': expected one of sync, slip"),
+    "a sync word with SLIP": (changed("kind: sync", "kind: slip"), "framing.sync_word", "slip has none"),
+    "an unknown framing": (changed("kind: sync", "kind: zip"), "framing.kind", "'zip': expected one of sync, length"),
     "an unknown byte order": (changed("order: big", "order: middle"), "byte_order", "'big' or 'little'"),
     "an unknown direction": (changed("from sensor", "up"), "PANORAMA.direction", "'up'"),
     "another version of the language": (changed("version: 1\n", "version: 2\n"), "version", "is 2"),
+    "a mask with a gap": (changed("{name: status, type: u16", "{name: status, type: u16, mask: 5"), "mask", "a gap"),
+    "a mask that does not fit": (
+        changed("{name: status, type: u16", "{name: status, type: u16, mask: 0x10000"),
+        "fields[3].mask",
+        "does not fit u16",
+    ),
+    "slots by a count that is not there": (
+        changed("{name: count, type: u8}", "{name: spare, type: u8}").replace(
+            "repeat: 30", "count: count\n      most: 30"
+        ),
+        "PANORAMA.fields",
+        "how many slots follow",
+    ),
+    "slots by count and repeat": (changed("repeat: 30", "repeat: 30\n      most: 30"), "slots", "count and most"),
+    "slots by count with a length": (
+        V1.replace("repeat: 30", "count: count\n      most: 30"),
+        "PANORAMA.length",
+        "leave it out",
+    ),
+    "parts without their fields": (
+        changed("repeat: 30", "repeat: 30\n      parts: {first: 1}"),
+        "slots.parts",
+        "needs the fields part and parts",
+    ),
+    "a covered part that is not there": (
+        changed("{name: crc32}", "{name: crc32, covers: {from: sequense}}"),
+        "checksum.covers.from",
+        "expected one of sync word",
+    ),
+    "a covered part that ends before it begins": (
+        changed("{name: crc32}", "{name: crc32, covers: {from: length, to: type}}"),
+        "checksum.covers.to",
+        "before the begin",
+    ),
+    "a modulus over the bits of the number": (
+        changed("length_limit", "sequence: {modulus: 65537}\nlength_limit"),
+        "sequence.modulus",
+        "16 bits",
+    ),
+    "a step that the modulus does not have": (
+        changed("length_limit", "sequence: {modulus: 9, step: 2}\nlength_limit"),
+        "sequence.step",
+        "steps of 2",
+    ),
+    "addresses of a header without": (
+        changed("length_limit", "addresses: {sensor: 1, host: 2}\nlength_limit"),
+        "addresses",
+        "no destination and source",
+    ),
+    "a destination without a source": (
+        changed("{name: flags, type: u8, bits: {0: stored}}", "{name: destination, type: u8}"),
+        "header",
+        "needs both",
+    ),
+    "a field of text in binary frames": (changed("count, type: u8", "count, type: decimal"), "fields[5].type", "bits"),
+    "a word as a code in binary frames": (changed("code: 0x02", "code: STAT"), "STATUS.code", "expected a number"),
+    "an end word of another framing": (
+        changed("kind: sync", "kind: slip").replace('sync_word: "1ACFFC1D"', 'end_word: "0D0A"'),
+        "framing.end_word",
+        "slip has none",
+    ),
+    "a stuffed frame without an end": (
+        changed('kind: sync, sync_word: "1ACFFC1D"', 'kind: stuffed, start: "1F7F", escape: "1F"'),
+        "framing.end",
+        "is missing",
+    ),
+    "a stuffed frame whose end is no escape": (
+        changed('kind: sync, sync_word: "1ACFFC1D"', 'kind: stuffed, start: "1F7F", end: "2FFF", escape: "1F"'),
+        "framing.end",
+        "the escape 1F",
+    ),
+    "a time in floats and fractions": (
+        changed(
+            "{name: time, type: u64, unit: us",
+            "{name: fraction, type: u8, unit: us}\n      - {name: time, type: f64, unit: us",
+        ),
+        "PANORAMA.fields",
+        "whole numbers",
+    ),
+    "a fraction that makes no second": (
+        changed(
+            "{name: time, type: u64, unit: us",
+            "{name: fraction, type: u8, unit: us, scale: 7/3}\n      - {name: time, type: u64, unit: us",
+        ),
+        "PANORAMA.fields",
+        "the coarser",
+    ),
     "no slots at all": (changed("repeat: 30", "repeat: 0"), "slots.repeat", "is 0"),
     "an ignored message with fields": (changed("length: 32", "ignored: true\n    length: 32"), "STATUS", "instead of"),
     "an unknown base": ("extends: panorama-v9\n", "extends", "expected one of attitude-quaternion"),

@@ -223,7 +223,7 @@ def test_a_number_that_comes_again_with_other_bytes_is_no_copy():
     found = [accepted(arrivals, 7, payload, tag_us=5) for payload in (b"one", b"one", b"other")]
     assert found == [Arrival.NEXT, Arrival.DUPLICATE, Arrival.CHAOS]
     assert (counters.duplicates, counters.frames_lost, counters.sensor_resets) == (1, 0, 0)
-    assert arrivals.last == 7
+    assert arrivals.before == 7
 
 
 @pytest.mark.parametrize(("late_s", "arrival"), [(100.0, Arrival.GAP), (1.0, Arrival.CHAOS)])
