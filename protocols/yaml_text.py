@@ -8,8 +8,18 @@ from yaml.reader import ReaderError
 _LARGEST = 10**300
 
 
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+
+
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, which refuses *name."""
+    """PyYAML's safe loader, which refuses *name, and knows neither base 60 nor octal numbers.
+
+    YAML 1.1 makes 141 of 2:21, which people write for degrees and minutes, and 8 of 010.
+    """
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+        tag = super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
+        return "tag:yaml.org,2002:str" if tag in _NUMBERS and ":" in str(value) else tag
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -28,6 +38,9 @@ class _Loader(yaml.SafeLoader):
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number. Of more than 4,300 digits Python refuses to write it down, even in a message."""
+        digits = str(node.value).replace("_", "").lstrip("+-")
+        if digits.startswith("0") and digits.isdecimal():
+            node.value = node.value.replace(digits, digits.lstrip("0") or "0")
         value = super().construct_yaml_int(node)
         if abs(value) >= _LARGEST:
             raise yaml.MarkedYAMLError(problem="a number of more than 300 digits", problem_mark=node.start_mark)

@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 from dataclasses import fields, is_dataclass
 from datetime import date, datetime
 from pathlib import Path
@@ -290,11 +291,52 @@ def parse_station(text: str, source: str = "built-in station") -> Station:
     if not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(_SOURCE_KEYS)}")
     _refuse_repeated_keys(node, source)
+    _read_angles(document, node, source, ())
     try:
         return Station.model_validate(document)
     except ValidationError as error:
         lines = [_explain(item, node, source) for item in error.errors()]
         raise ConfigError(plain_lines("\n".join(lines[:5]))) from error
+
+
+# Angles in degrees, minutes and seconds.
+
+_SEXAGESIMAL = re.compile(
+    r"""([-+]?) \s* (\d{1,3}) \s*[d°\s]\s*            # degrees
+        (?: (\d{1,2}(?:\.\d*)?) \s*(?:[m'′]|\s|$)\s*   # minutes
+        (?: (\d{1,2}(?:\.\d*)?) \s*(?:[s"″]|''|\s|$)\s* )? )?  # seconds
+        ([NSEW]?)""",
+    re.VERBOSE,
+)
+_SIDES = {"latitude_deg": "NS", "longitude_deg": "EW"}
+
+
+def _read_angles(document: Any, node: yaml.Node | None, source: str, path: tuple[str, ...]) -> None:
+    """Make degrees of what is written as 11d 18m 30s or 47 30 00 N; ConfigError for other texts with colons."""
+    for key, value in document.items() if isinstance(document, dict) else ():
+        here = (*path, str(key))
+        if isinstance(value, dict):
+            _read_angles(value, node, source, here)
+        elif isinstance(value, str) and here[-1].endswith("_deg"):
+            if (degrees := _degrees(value, _SIDES.get(here[-1], ""))) is not None:
+                document[key] = degrees
+            elif ":" in value:
+                where = f"{source}, line {_line_of(node, list(here))}: {'.'.join(here)}"
+                raise ConfigError(
+                    f"{where} is {value!r:.60}: expected degrees, such as 2.35, or degrees and minutes, such as 2d 21m"
+                )
+
+
+def _degrees(text: str, sides: str) -> float | None:
+    """The degrees of an angle in degrees, minutes and seconds; None where it is none."""
+    found = _SEXAGESIMAL.fullmatch(text.strip())
+    if found is None or (found[5] and (found[5] not in sides or found[1])):
+        return None
+    minutes, seconds = float(found[3] or 0), float(found[4] or 0)
+    if minutes >= 60 or seconds >= 60 or (found[4] and "." in found[3]):
+        return None
+    degrees = int(found[2]) + (minutes + seconds / 60) / 60
+    return -degrees if found[1] == "-" or found[5] in ("S", "W") else degrees
 
 
 def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
@@ -308,12 +350,16 @@ def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
         if "uncertainty" in path[:-1]:
             hint += " (each key ends in its unit)"
         return f"{where}unknown key {key}; {hint}"
+    if item["type"] == "invalid_key":
+        return f"{where}{key} has the key {item['input']!r:.60}: a decimal comma? Write 48.85, not 48,85"
     if item["type"] == "missing":
         return f"{where}{key} is missing"
     if item["type"] == "value_error":
         return f"{where}{key}: {item['ctx']['error']}"
     if key == "version":
         return f"{where}version is {item['input']!r:.60}; this gse reads version 1: install a newer gse"
+    if isinstance(item["input"], str) and re.fullmatch(r"[-+]?[0-9]+,[0-9]+", item["input"].strip()):
+        return f"{where}{key} is {item['input']!r}: write the decimal point as {item['input'].replace(',', '.')}"
     if item["type"] == "string_pattern_mismatch":
         return f"{where}{key} is {item['input']!r:.60}: expected a text like {item['ctx']['pattern']}"
     return f"{where}{key} is {item['input']!r:.60}: {item['msg'].lower()}"

@@ -251,10 +251,21 @@ def chaos_in_words(sequence: int, before: int | None) -> str:
     """Why a sequence number makes no sense after the one before."""
     if sequence == before:
         return f"frame {sequence} on the wire follows another frame {before}: its sequence number stands still"
+    if before is not None and (bits := _bits_that_count(before, sequence)):
+        return (
+            f"frame {sequence} on the wire follows frame {before}: its lowest {bits} bits count on, those above stand "
+            f"still; give the sequence number `mask: 0x{(1 << bits) - 1:X}` in the protocol description"
+        )
     return (
         f"frame {sequence} on the wire follows frame {before}: more than can have been sent in the time between; its "
         "sequence number makes no sense, and no frames count as lost"
     )
+
+
+def _bits_that_count(before: int, sequence: int) -> int:
+    """How many of the lowest bits wrapped from one number to the next while those above stood still; 0 for none."""
+    wrapped = range(before.bit_length() - 1, 3, -1)
+    return next((n for n in wrapped if before >> n == sequence >> n and (before + 1) % 2**n == sequence % 2**n == 0), 0)
 
 
 def _went_with_utc(before: _Stamped, now: _Stamped) -> bool:

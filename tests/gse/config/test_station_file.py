@@ -1,5 +1,6 @@
 """The station file is checked at the door, and every refusal helps."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -114,3 +115,49 @@ def test_a_station_file_of_a_newer_version_asks_for_a_newer_gse() -> None:
 def test_a_limit_that_nothing_exceeds_is_refused(limit):
     with pytest.raises(ConfigError, match="should be less than or equal to"):
         parse_station(f"{BUILT_IN_TEXT}\nlimits: {{{limit}}}\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [
+        ("11d 18m 30s", 11 + 18.5 / 60),
+        ("-6d31m48s", -6.53),
+        ("-0d 30m", -0.5),
+        ("47 30 00 N", 47.5),
+        ("47 30 00 S", -47.5),
+        ("12° 30' 36\"", 12.51),
+        ("12d 18.5m", 12 + 18.5 / 60),
+        ("010", 10.0),
+    ],
+)
+def test_an_angle_in_degrees_minutes_and_seconds_is_read(text: str, degrees: float) -> None:
+    quoted = text if text.isdecimal() else "'" + text.replace("'", "''") + "'"
+    station = parse_station(BUILT_IN_TEXT.replace("latitude_deg: -6.53", f"latitude_deg: {quoted}"))
+    assert station.site.latitude_deg == pytest.approx(degrees, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "advice"),
+    [
+        (
+            "latitude_deg: -6.53",
+            "latitude_deg: 2:21",
+            "site.latitude_deg is '2:21': expected degrees",
+        ),
+        ("azimuth_deg: 0", "azimuth_deg: 1:30:00", "mount.azimuth_deg is '1:30:00': expected degrees"),
+        ("latitude_deg: -6.53", "latitude_deg: 2 21 E", "site.latitude_deg is '2 21 E'"),
+        ("latitude_deg: -6.53", "latitude_deg: 2d 75m", "site.latitude_deg is '2d 75m'"),
+        ("height_m: 250", "height_m: 250,5", "site.height_m is '250,5': write the decimal point as 250.5"),
+        ("pressure_hpa: 985", "pressure_hpa: 16:25", "site.pressure_hpa is '16:25'"),
+    ],
+)
+def test_an_angle_that_could_mean_two_things_is_refused_with_what_to_write(key: str, text: str, advice: str) -> None:
+    assert key in BUILT_IN_TEXT
+    with pytest.raises(ConfigError, match=re.escape(advice)):
+        parse_station(BUILT_IN_TEXT.replace(key, text))
+
+
+def test_a_decimal_comma_between_braces_is_named() -> None:
+    text = BUILT_IN_TEXT.partition("site:")[0] + "site: {latitude_deg: 48,85, longitude_deg: 2}\n"
+    with pytest.raises(ConfigError, match=r"a decimal comma\? Write 48\.85"):
+        parse_station(text)

@@ -342,3 +342,10 @@ def test_copies_are_counted_from_the_first_of_them_on_though_no_panorama_was_tol
     arrivals.accept(frame, 0, None, restarted=False)
     assert [len(arrivals.repeated(frame, 70, 1, 1)) for _ in range(4)] == [0, 0, 1, 0]
     assert counters.frames_repeated == 4
+
+
+def test_bits_that_stand_still_above_a_counter_are_named_with_the_mask():
+    assert "mask: 0x3FFF" in chaos_in_words(0xC000, 0xFFFF)
+    assert "mask: 0xFF" in chaos_in_words(0x500, 0x5FF)
+    assert "mask" not in chaos_in_words(0xC001, 0xFFFF)
+    assert "mask" not in chaos_in_words(0, 0xFFFF)
