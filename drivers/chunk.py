@@ -38,6 +38,9 @@ class LinkKind(StrEnum):
     TRUNCATED = "TRUNCATED"
     UNREADABLE = "UNREADABLE"
     LOOP = "LOOP"
+    SENT = "SENT"
+    """Bytes that the station sent, in hexadecimal digits: recorded as such on /serial/tx, never as an event."""
+    LINE_ERRORS = "LINE_ERRORS"
     FAULT = "FAULT"
 
 

@@ -19,7 +19,18 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import now
 from drivers.errors import PortError
 from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
-from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, is_device, is_of_an_adapter, open_port, ports_here
+from drivers.ports import (
+    PLAIN_LINE,
+    READ_TIMEOUT_S,
+    LineSettings,
+    PortInfo,
+    is_awaitable,
+    is_device,
+    is_of_an_adapter,
+    line_errors,
+    open_port,
+    ports_here,
+)
 from drivers.session_file.records import MessageWriter, RecordedMessage
 
 # Reopening of a lost port: under its name, or its USB adapter under another name. Never another adapter that has got
@@ -35,8 +46,10 @@ WATCH_S = 0.1
 class PortFinder:
     """Tries to open one port until it succeeds, with growing pauses that end at once when the port appears."""
 
-    def __init__(self, url: str, baudrate: int, list_ports: Callable[[], list[PortInfo]]) -> None:
-        self._url, self._baudrate, self._list_ports = url, baudrate, list_ports
+    def __init__(
+        self, url: str, baudrate: int, list_ports: Callable[[], list[PortInfo]], line: LineSettings = PLAIN_LINE
+    ) -> None:
+        self._url, self._baudrate, self._list_ports, self._line = url, baudrate, list_ports, line
         self._adapter: PortInfo | None = None
         self._tell: Callable[[PortInfo, PortInfo], None] = lambda here, expected: None
         self._told: set[object] = set()
@@ -63,7 +76,7 @@ class PortFinder:
             url = self._where()
             if url is not None:
                 try:
-                    port = open_port(url, self._baudrate)
+                    port = open_port(url, self._baudrate, self._line)
                 except PortError:
                     # Missing, not ready, or busy: try again.
                     pass
@@ -121,6 +134,8 @@ MOST_BACKLOG_BYTES = 128 << 20
 SOCKET_BYTES = 65536
 NOT_RUN_NS = 3_000_000_000
 """A read that takes longer was stopped: its own timeout is READ_TIMEOUT_S. A port holds a second or some of bytes."""
+_LINE_LOOK_NS = 10_000_000_000
+"""How often the driver's counters of errors are read."""
 _AT_ONCE_NS = 1_000_000_000
 """A network port that closes sooner refuses: most servers give a serial line to one client."""
 
@@ -143,7 +158,8 @@ class _NoRecording(MessageWriter):
 class SerialLink:
     """A port by its pyserial URL, as a context manager.
 
-    ``receive`` gives chunks and events in the order in which they happened. Everything received is recorded. The event
+    ``receive`` gives chunks and events in the order in which they happened, with what was sent between them as events
+    SENT. Everything received and sent is recorded. The event
     BACKLOG means that the station falls behind, BACKLOG_FULL that further bytes are in the recording only until it has
     caught up.
     """
@@ -156,15 +172,17 @@ class SerialLink:
         recorder: MessageWriter | None = None,
         wait_port: bool = False,
         list_ports: Callable[[], list[PortInfo]] = ports_here,
+        line: LineSettings = PLAIN_LINE,
     ) -> None:
         """Open the port; PortError with the reason if that fails. With ``wait_port`` a missing port is waited for."""
         self.url = url
         self._recorder = recorder or _NoRecording()
         self._stamped: TimestampedPort | None = None
         self._live: _Receiver | None = None
-        finder = PortFinder(url, baudrate, list_ports)
+        self._sent: list[Item] = []
+        finder = PortFinder(url, baudrate, list_ports, line)
         try:
-            port = open_port(url, baudrate)
+            port = open_port(url, baudrate, line)
         except PortError as error:
             if not wait_port or not is_awaitable(url, error):
                 raise
@@ -190,6 +208,10 @@ class SerialLink:
         """Bytes received from a live port and not yet fetched."""
         return self._live.backlog_bytes if self._live else 0
 
+    def utc_ns(self) -> int:
+        """UTC nanoseconds now: the host's for a live port, else those of the data, 0 before the first."""
+        return now()[0] if self._stamped is None else self._stamped.stamp()[0]
+
     def mono_ns(self) -> int:
         """Monotonic nanoseconds now: the host's for a live port, else those of the data."""
         return now()[1] if self._stamped is None else self._stamped.stamp()[1]
@@ -199,14 +221,15 @@ class SerialLink:
         if self._live:
             return self._live.fetch(timeout_s, most)
         assert self._stamped is not None
-        items: list[Item] = []
+        items, self._sent = self._sent, []
+        sent = len(items)
         until_ns = self._stamped.stamp()[1] + round(timeout_s * 1e9)
         self._stamped.timeout = timeout_s
         for item in self._stamped.due():
-            if not items:
+            if len(items) == sent:
                 self._stamped.timeout = 0
             if isinstance(item, LinkEvent):
-                self._recorder.event(item)
+                self._record(item)
             elif item.data:
                 self._recorder.rx(item)
             elif item.mono_ns < until_ns:
@@ -215,7 +238,7 @@ class SerialLink:
             else:
                 break
             items.append(item)
-            if len(items) == most:
+            if len(items) - sent == most:
                 break
         return items
 
@@ -226,8 +249,15 @@ class SerialLink:
         assert self._stamped is not None
         chunk = Chunk(*self._stamped.stamp(), data)
         self._recorder.tx(chunk)
+        self._sent.append(_sent(chunk))
         self._stamped.write(data)
         return chunk
+
+    def _record(self, event: LinkEvent) -> None:
+        if event.kind == LinkKind.SENT:
+            self._recorder.tx(Chunk(event.utc_ns, event.mono_ns, bytes.fromhex(event.text)))
+        else:
+            self._recorder.event(event)
 
     def close(self) -> None:
         """Stop receiving; received items can still be fetched."""
@@ -259,6 +289,8 @@ class _Receiver:
         self._items: queue.Queue[Item] = queue.Queue()
         self._received_bytes = self._fetched_bytes = 0
         self._backlog_reported = self._full_reported = False
+        self._line_errors: dict[str, int] | None = None
+        self._line_look_ns = 0
         self._opened_before = port is not None
         self._opened_ns = time.monotonic_ns()
         self._stop = threading.Event()
@@ -291,6 +323,7 @@ class _Receiver:
             )
         chunk = Chunk(*now(), data)
         self._recorder.tx(chunk)
+        self._items.put(_sent(chunk))
         try:
             port.write(data)
         except _HANG_UPS as error:
@@ -324,6 +357,7 @@ class _Receiver:
                 self._report_pause(time.monotonic_ns() - began_ns)
                 if data:
                     self._take(data)
+                self._report_line_errors()
         self._take_rest()
 
     def _take_rest(self) -> None:
@@ -355,6 +389,22 @@ class _Receiver:
                 "the port cannot hold so long is lost here, not by the sensor",
             )
 
+    def _report_line_errors(self) -> None:
+        """What the driver of the port has counted since the last look, where it counts."""
+        now_ns = time.monotonic_ns()
+        if self._port is None or now_ns < self._line_look_ns:
+            return
+        self._line_look_ns = now_ns + _LINE_LOOK_NS
+        errors = line_errors(self._port)
+        if errors is None or self._line_errors is None:
+            self._line_errors = errors
+            return
+        new = {name: count - self._line_errors[name] for name, count in errors.items()}
+        self._line_errors = errors
+        if found := [f"{count} {name}" for name, count in new.items() if count > 0]:
+            text = f"the driver of the port counts {', '.join(found)} errors: check baud rate, parity and cable"
+            self._report(LinkKind.LINE_ERRORS, text)
+
     def _report_full(self) -> None:
         if not self._full_reported:
             self._full_reported = True
@@ -370,6 +420,7 @@ class _Receiver:
 
     def _lose(self, error: BaseException) -> None:
         port, self._port = self._port, None
+        self._line_errors = None
         if port is not None:
             _close(port)
         is_refused = not is_device(self._url) and time.monotonic_ns() - self._opened_ns < _AT_ONCE_NS
@@ -396,6 +447,10 @@ class _Receiver:
             f"{here.device} is another adapter now ({here}): waiting for that of this session ({expected}); for "
             "another sensor start another session",
         )
+
+
+def _sent(chunk: Chunk) -> LinkEvent:
+    return LinkEvent(chunk.utc_ns, chunk.mono_ns, LinkKind.SENT, chunk.data.hex())
 
 
 def _read(port: serial.Serial) -> bytes:

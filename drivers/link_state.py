@@ -152,7 +152,8 @@ class LinkMonitor:
         self._silence_reported = True
         if self.state == LinkKind.WAITING:
             text = (
-                f"the port is open, but no bytes for {self._patience_ns / _NS:g} s: check the sensor, send START; if "
+                f"the port is open, but no bytes for {self._patience_ns / _NS:g} s: check the sensor; one that waits "
+                "for a command is asked with `sensor: {start: {period_ms: 100}}` or `poll` in the station file; if "
                 "it is another sensor's port, 'gse ports' shows names that stay"
             )
             return [self._event(LinkKind.SILENT, due_ns, text)]

@@ -4,6 +4,7 @@ import errno
 import getpass
 import os
 import socket
+import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import serial
+from serial.rs485 import RS485Settings
 from serial.tools import list_ports
 
 from drivers.errors import DriverError, PortError, UrlError
@@ -26,6 +28,74 @@ WRITE_TIMEOUT_S = 1.0
 _PROBES = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 20_000}
 """After 10 s of silence a probe every 5 s, three without an answer end it; 20 s (in ms) for what we send."""
 serial.protocol_handler_packages.append("drivers.urlhandlers")
+
+
+@dataclass(frozen=True, slots=True)
+class Rs485:
+    """How a driver switches a line of two wires: the level of RTS while it sends and receives, the pauses before."""
+
+    rts_level_tx: bool = True
+    rts_level_rx: bool = False
+    delay_before_tx_ms: float = 0.0
+    delay_before_rx_ms: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """Settings of a serial line beside its rate; the defaults are 8N1 without flow control."""
+
+    parity: str = "none"
+    data_bits: int = 8
+    stop_bits: float = 1
+    rtscts: bool = False
+    xonxoff: bool = False
+    rs485: Rs485 | None = None
+
+    @property
+    def bits_per_byte(self) -> float:
+        """With start, parity and stop bits."""
+        return 1 + self.data_bits + (self.parity != "none") + self.stop_bits
+
+    def __str__(self) -> str:
+        flow = "".join(f", {name}" for name in ("rtscts", "xonxoff") if getattr(self, name))
+        return f"{self.data_bits}{self.parity[0].upper()}{self.stop_bits:g}{flow}{', RS-485' if self.rs485 else ''}"
+
+    def apply(self, port: Any) -> None:
+        """Set up a port that is not open yet."""
+        port.parity = _PARITIES[self.parity]
+        port.bytesize, port.stopbits = self.data_bits, self.stop_bits
+        port.rtscts, port.xonxoff = self.rtscts, self.xonxoff
+        if self.rs485 is not None:
+            port.rs485_mode = RS485Settings(
+                rts_level_for_tx=self.rs485.rts_level_tx,
+                rts_level_for_rx=self.rs485.rts_level_rx,
+                delay_before_tx=self.rs485.delay_before_tx_ms / 1000 or None,
+                delay_before_rx=self.rs485.delay_before_rx_ms / 1000 or None,
+            )
+
+
+PLAIN_LINE = LineSettings()
+_PARITIES = {
+    "none": serial.PARITY_NONE,
+    "even": serial.PARITY_EVEN,
+    "odd": serial.PARITY_ODD,
+    "mark": serial.PARITY_MARK,
+    "space": serial.PARITY_SPACE,
+}
+_TIOCGICOUNT = 0x545D
+"""linux/serial.h: struct serial_icounter_struct, eleven counters and nine spare integers."""
+_COUNTERS = {"framing": 6, "overrun": 7, "parity": 8, "buffer overrun": 10}
+
+
+def line_errors(port: serial.Serial) -> dict[str, int] | None:
+    """The errors that the driver of an open port has counted; None where it counts none."""
+    try:
+        import fcntl
+
+        counts = struct.unpack("20i", fcntl.ioctl(port.fileno(), _TIOCGICOUNT, bytes(80)))
+    except Exception:  # a port without a file, a driver without counters, another system
+        return None
+    return {name: counts[at] for name, at in _COUNTERS.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +214,13 @@ def is_of_an_adapter(url: str) -> bool:
     return is_device(url) or url.lower().startswith("hwgrep://")
 
 
-def open_port(url: str, baudrate: int) -> serial.Serial:
+def open_port(url: str, baudrate: int, line: LineSettings = PLAIN_LINE) -> serial.Serial:
     """Open a port by its pyserial URL; PortError with reason and advice if that fails."""
     _check(url)
     try:
         port: serial.Serial = _made(url, baudrate)
+        if line != PLAIN_LINE:
+            line.apply(port)
         port.open()
     except (OSError, ValueError, NotImplementedError) as error:
         if isinstance(error.__cause__, DriverError):

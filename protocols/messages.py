@@ -53,6 +53,11 @@ class PanoramaMessage(Message):
     xy_px: NDArray[np.float64]
     index: NDArray[np.float64]
 
+    @classmethod
+    def empty(cls) -> "PanoramaMessage":
+        """A panorama without an object."""
+        return cls(0, 0, 0.05, frozenset(), 20.0, np.empty((0, 2)), np.empty(0))
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, PanoramaMessage):
             return NotImplemented

@@ -18,7 +18,7 @@ from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
 from protocols.layout import Addresses, FrameLayout, compile_frame, compile_messages, one_way
 from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage
-from protocols.parts import PART
+from protocols.parts import MAX_PARTS, PART
 from protocols.reading import MAX_TEXT, DescriptionSource, read_document, validate
 from protocols.text import TextLayout, compile_text
 from protocols.vocabulary import NAME_OF
@@ -62,7 +62,9 @@ class Protocol:
     def slots(self) -> int:
         """How many objects one panorama holds; 0 if there are no panoramas."""
         layout = self._codecs["PANORAMA"].layout if "PANORAMA" in self._codecs else None
-        return layout.slots.repeat if layout and layout.slots else 0
+        if layout is None or layout.slots is None:
+            return 0
+        return layout.slots.repeat * (1 if layout.slots.part_first is None else MAX_PARTS)
 
     @property
     def object_units(self) -> dict[str, tuple[float, float]]:

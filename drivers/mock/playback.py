@@ -11,7 +11,7 @@ from drivers.mock.timestamped_port import Item
 from drivers.session_file.file_window import refuse_special
 from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.record_scanner import MAGIC
-from drivers.session_file.records import EVENTS, RX, Damage, RecordedMessage
+from drivers.session_file.records import EVENTS, RX, TX, Damage, RecordedMessage
 
 RAW_CHUNK_BYTES = 4096
 NS_PER_S = 1_000_000_000
@@ -20,11 +20,12 @@ _NEVER_NS = 1 << 64
 
 
 def session_items(path: Path, from_utc_ns: int | None = None, to_utc_ns: int | None = None) -> Iterator[Item]:
-    """Received chunks and events of a session in their order, within [from, to); CaptureError at once if it is none.
+    """Chunks and events of a session in their order, within [from, to); CaptureError at once if it is none.
 
-    Damage in the file and a missing end come as events DAMAGED and TRUNCATED, in the place where they are.
+    What was sent comes as events SENT. Damage in the file and a missing end are events DAMAGED and TRUNCATED, in the
+    place where they are.
     """
-    capture = read_capture(path, from_utc_ns=from_utc_ns, only=(RX, EVENTS))
+    capture = read_capture(path, from_utc_ns=from_utc_ns, only=(RX, TX, EVENTS))
     parts = _session_parts(path, capture, from_utc_ns or 0, _NEVER_NS if to_utc_ns is None else to_utc_ns)
     return chain.from_iterable(parts)
 
@@ -39,7 +40,7 @@ def _session_parts(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: in
                 topic, utc_ns, mono_ns, data = record
                 if from_utc_ns <= utc_ns < to_utc_ns:
                     stamp = (utc_ns, mono_ns)
-                    items.append(Chunk(utc_ns, mono_ns, data) if topic == RX else record.event())
+                    items.append(Chunk(utc_ns, mono_ns, data) if topic == RX else _event(record))
             elif isinstance(record, Damage) and record.reason != "cut off":
                 text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
                 items.append(LinkEvent(*stamp, LinkKind.DAMAGED, text))
@@ -50,6 +51,12 @@ def _session_parts(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: in
         yield [LinkEvent(*stamp, LinkKind.DAMAGED, f"missing: {', '.join(capture.missing)}")]
     elif capture.truncated and not capture.foreign:
         yield [LinkEvent(*stamp, LinkKind.TRUNCATED, f"{path.name} was not closed: its end may be missing")]
+
+
+def _event(record: RecordedMessage) -> LinkEvent:
+    if record.topic == TX:
+        return LinkEvent(record.utc_ns, record.mono_ns, LinkKind.SENT, record.data.hex())
+    return record.event()
 
 
 def raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:

@@ -23,6 +23,7 @@ from pydantic import (
 
 from drivers.host_files import a_file_or_a_shells_pipe
 from drivers.outside_text import is_plain, plain_lines
+from drivers.ports import LineSettings, Rs485
 from gse.errors import ConfigError
 from gse.values.attitude_convention import AttitudeConvention
 from gse.values.camera import LEAST_SCALE, Camera
@@ -128,11 +129,25 @@ for _values in (
     Limits,
     Screen,
     ScreenToSensor,
+    Rs485,
 ):
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 
 _Distortion = Annotated[float, Field(ge=-1, le=1)]
+
+
+class StartOptions(_Section):
+    """START at the beginning of a session, STOP at its end."""
+
+    period_ms: Annotated[float, Field(gt=0, le=3_600_000)] = 100.0
+
+
+class PollOptions(_Section):
+    """REQUEST each period, or as soon as the answer to the one before is there or overdue."""
+
+    period_ms: Annotated[float, Field(gt=0, le=3_600_000)] | Literal["asap"] = 200.0
+    timeout_ms: Annotated[float, Field(gt=0, le=3_600_000)] = 500.0
 
 
 class Sensor(_Section):
@@ -153,6 +168,15 @@ class Sensor(_Section):
     """Known hot pixels (x, y)."""
     attitude: AttitudeConvention = AttitudeConvention()
     """The convention of the sensor's own answers (ATTITUDE frames)."""
+    start: StartOptions | None = None
+    poll: PollOptions | None = None
+    """Without one of the two nothing is ever sent."""
+
+    @model_validator(mode="after")
+    def _start_or_poll(self) -> "Sensor":
+        if self.start is not None and self.poll is not None:
+            raise ValueError("start and poll: expected one of the two; a sensor that is polled needs no START")
+        return self
 
     @model_validator(mode="after")
     def _one_to_one(self) -> "Sensor":
@@ -172,11 +196,31 @@ class Sensor(_Section):
         return Camera(self.rows, self.columns, self.focal_length_px, centre, *lens)
 
 
+def _stop_bits(bits: float) -> float:
+    if bits not in (1, 1.5, 2):
+        raise ValueError(f"{bits:g} stop bits: expected 1, 1.5 or 2")
+    return bits
+
+
 class Port(_Section):
     """Any pyserial URL."""
 
     url: Annotated[Text, Field(min_length=1)] = "sim://"
     baudrate: Annotated[int, Field(ge=50, le=8_000_000)] = 115200
+    parity: Literal["none", "even", "odd", "mark", "space"] = "none"
+    data_bits: Annotated[int, Field(ge=5, le=8)] = 8
+    stop_bits: Annotated[float, AfterValidator(_stop_bits)] = 1
+    rtscts: bool = False
+    xonxoff: bool = False
+    rs485: Rs485 | None = None
+    address: Annotated[int, Field(ge=0, lt=2**63)] | None = None
+    host_address: Annotated[int, Field(ge=0, lt=2**63)] | None = None
+    """Addresses on a shared line, instead of those of the protocol description."""
+
+    @property
+    def line(self) -> LineSettings:
+        """The settings of the line beside its rate."""
+        return LineSettings(self.parity, self.data_bits, self.stop_bits, self.rtscts, self.xonxoff, self.rs485)
 
 
 class Station(_Section):

@@ -14,7 +14,7 @@ from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.link import SerialLink
 from drivers.link_state import SAMPLE_BYTES
-from drivers.ports import PortInfo, is_device, is_mock, ports_here
+from drivers.ports import LineSettings, PortInfo, is_device, is_mock, ports_here
 from drivers.uart import USUAL_BAUDS
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
@@ -136,7 +136,7 @@ def _port(station: Station) -> Check:
         return Check("port", CheckOutcome.OK, f"{url} needs no device")
     try:
         protocol = load_protocol(station.protocol)
-        sample, frames = _listen(url, baudrate, protocol, LISTEN_S)
+        sample, frames = _listen(url, baudrate, station.port.line, protocol, LISTEN_S)
         if sample and not frames:
             return _unreadable(station, protocol, sample)
     except DriverError as error:
@@ -144,7 +144,8 @@ def _port(station: Station) -> Check:
     except ProtocolError:
         return Check("port", CheckOutcome.WARN, f"{url} opens; without a valid protocol its bytes cannot be checked")
     if frames:
-        return Check("port", CheckOutcome.OK, f"{url} at {baudrate}: valid frames come", _stays(url, ports_here()))
+        said = f"{url} at {baudrate} {station.port.line}: valid frames come"
+        return Check("port", CheckOutcome.OK, said, _stays(url, ports_here()))
     return Check(
         "port",
         CheckOutcome.WARN,
@@ -169,7 +170,7 @@ def _unreadable(station: Station, protocol: Protocol, sample: bytes) -> Check:
         return Check("port", CheckOutcome.FAIL, text, explained)
     tried = []
     for baud in sorted(USUAL_BAUDS, key=lambda rate: abs(math.log(rate / baudrate)))[1:] if is_device(url) else []:
-        came, frames = _listen(url, baud, protocol, TRY_S)
+        came, frames = _listen(url, baud, station.port.line, protocol, TRY_S)
         if frames:
             return Check("port", CheckOutcome.FAIL, text, f"valid frames come with port.baudrate: {baud}")
         if not came:
@@ -179,10 +180,10 @@ def _unreadable(station: Station, protocol: Protocol, sample: bytes) -> Check:
     return Check("port", CheckOutcome.FAIL, text, f"{also}check baud rate and protocol of the sensor")
 
 
-def _listen(url: str, baudrate: int, protocol: Protocol, seconds: float) -> tuple[bytes, int]:
+def _listen(url: str, baudrate: int, line: LineSettings, protocol: Protocol, seconds: float) -> tuple[bytes, int]:
     """What came within some seconds, and its number of valid frames; ends early after ENOUGH_FRAMES."""
     decoder, received, frames = FrameDecoder(protocol, from_sensor=True), bytearray(), 0
-    with SerialLink(url, baudrate) as link:
+    with SerialLink(url, baudrate, line=line) as link:
         until_ns = link.mono_ns() + round(seconds * instant.NS_PER_S)
         while link.mono_ns() < until_ns and frames < ENOUGH_FRAMES:
             for item in link.receive(0.2):

@@ -15,6 +15,7 @@ from gse.config.station import Station
 from gse.recording.recorder import Recorder
 from gse.recording.session_format import PROTOCOL, STATION
 from gse.sessions.live import new_session_folder
+from gse.station.setup import addressed
 from protocols import (
     NAME_OF,
     Ack,
@@ -106,13 +107,13 @@ class Commanded:
 
 def command_sensor(station: Station, station_text: str, command: Message, out: Path) -> Commanded:
     """Send one command in a session of its own; CommandError where the sensor refuses or never answers."""
-    protocol = load_protocol(station.protocol)
+    protocol = addressed(load_protocol(station.protocol), station)
     dialogue = _Dialogue(protocol, command)
     dialogue.make_frame(0)  # an impossible command is refused before the port is opened
     folder = new_session_folder(out, f"{station.sensor.name}-command", read_clock().utc_ns)
     recorder = Recorder(folder / "session.mcap", live=True)
     try:
-        link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder)
+        link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, line=station.port.line)
     except DriverError:
         recorder.close()
         recorder.path.unlink()

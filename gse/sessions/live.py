@@ -6,7 +6,7 @@ import signal
 import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -36,13 +36,14 @@ from gse.recording.session_format import (
     shown_json,
     timing_json,
 )
+from gse.sessions.asking import Asking, check_asking, options_of
 from gse.sessions.status_file import StatusFile
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
-from gse.station.loop import Listener, StationLoop
+from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.session_data import SessionData
-from gse.station.setup import check_external, set_up
+from gse.station.setup import addressed, check_external, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
@@ -211,7 +212,8 @@ def run_live(
     Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened,
     UsageError where an external identifier cannot be started: then nothing is left behind.
     """
-    protocol = load_protocol(station.protocol)
+    protocol = addressed(load_protocol(station.protocol), station)
+    check_asking(station.sensor, protocol, station.port.baudrate)
     check_external(station, protocol, operator.tell)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
     try:
@@ -220,7 +222,8 @@ def run_live(
         folder.rmdir()
         raise
     try:
-        link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, wait_port=wait_port)
+        port = station.port
+        link = SerialLink(port.url, port.baudrate, recorder=recorder, wait_port=wait_port, line=port.line)
     except DriverError:
         recorder.close()
         recorder.path.unlink()
@@ -236,15 +239,19 @@ def run_live(
         operator.opened(folder, status)
         first = link.receive(FIRST_WITHIN_S)
         with operator.ending.interruptible():
-            began_ns = first[0].utc_ns if first else None
+            began_ns = first[0].utc_ns if first else link.utc_ns() or None
             setup = set_up(station, station_text, utc_ns=began_ns, tell=operator.tell)
             loop = StationLoop(setup, given_orientation=given_orientation)
-        derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s)
+        asks = options_of(station.sensor)
+        asking = Asking(link, loop.setup.protocol, asks) if asks and not port.url.startswith("replay://") else None
+        derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s, asking)
         loop.session.clock_error_s = clock_error_s
         loop.listeners = make_listeners(loop, folder, live)
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
-        session = loop.run(link, first, stop=derived_data.is_over, each=derived_data.keep)
+        with asking or nullcontext():
+            wait_s = asking.wait_s if asking else lambda: RECEIVE_TIMEOUT_S
+            session = loop.run(link, first, stop=derived_data.is_over, each=derived_data.keep, wait_s=wait_s)
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
@@ -265,9 +272,16 @@ class _DerivedDataRecorder:
     """Records derived data beside the bytes: identification times, clock readings, Earth orientation."""
 
     def __init__(
-        self, loop: StationLoop, recorder: Recorder, link: SerialLink, operator: Operator, duration_s: float | None
+        self,
+        loop: StationLoop,
+        recorder: Recorder,
+        link: SerialLink,
+        operator: Operator,
+        duration_s: float | None,
+        asking: Asking | None = None,
     ) -> None:
         self._loop, self._recorder, self._link, self._operator = loop, recorder, link, operator
+        self._asking = asking
         self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -290,6 +304,8 @@ class _DerivedDataRecorder:
 
     def keep(self, results: list[FrameResults]) -> None:
         """Record the derived data of these results."""
+        if self._asking is not None:
+            self._asking.came(sum(map(len, results)), self._loop.session.link.reconnects)
         for result in chain.from_iterable(results):
             self._last_ns = result.panorama.host_utc_ns
             if result.elapsed_us is not None:

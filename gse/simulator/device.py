@@ -21,6 +21,8 @@ LEVELS = ("panorama", "image", "image-sub-pixel")
 DEFAULT_SEED = 1
 _IDLE_NS = 100_000_000
 """A silent sensor lets its time pass in steps of this length."""
+_ASKED_NS = 10_000_000
+"""And in shorter ones while it waits for a command."""
 _READ_EVERY_NS = 8_000_000
 """A USB adapter hands over what has come every few milliseconds."""
 _BOOTED_NS = 3600 * NS_PER_S
@@ -46,7 +48,7 @@ class SimulatedSensor:
         """The next bytes, an empty chunk while the sensor is silent, None when the scenario is over."""
         if not self._chunks:
             due_ns = self._firmware.due_ns
-            idle_ns = self._now_ns + _IDLE_NS
+            idle_ns = self._now_ns + (_ASKED_NS if due_ns is None else _IDLE_NS)
             if min(idle_ns, due_ns if due_ns is not None else idle_ns) >= self._end_ns:
                 return None
             if due_ns is None or due_ns > idle_ns:
@@ -129,7 +131,7 @@ def firmware_of(
     if standby not in ("yes", "no"):
         raise UrlError(f"sim://: standby={standby} does not work: expected yes or no")
     device = scenario.device_for(station)
-    protocol = load_protocol(device.protocol)
+    protocol = load_protocol(device.protocol).with_addresses(device.port.address, device.port.host_address)
     answers = scenario.attitude.sends or not protocol.slots
     if answers and "ATTITUDE" not in protocol.types:
         wanted = "ATTITUDE, which the scenario sends" if protocol.slots else "PANORAMA: there is nothing to simulate"

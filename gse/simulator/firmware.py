@@ -144,7 +144,7 @@ class SensorFirmware:
         """Bytes that came from the station."""
         if utc_ns < self._ready_ns:
             return []
-        sent: list[Transmission] = []
+        sent = [Transmission(utc_ns, data)] if self._traits.answers.echoes else []
         pieces = self._decoder.feed(data)
         for piece in (*pieces, self._decoder.refused):
             answers = self._obey(piece, utc_ns) if isinstance(piece, Frame) else self._refuse_bytes(piece)
@@ -191,7 +191,27 @@ class SensorFirmware:
             index=seen.index[:slots],
         )
         self._frames_sent += 1
-        return [self._send(message, end_ns), *self._due_status(end_ns, temperature_c)]
+        ready_ns = end_ns + round(self._traits.delay_ms * 1e6)
+        is_asked = self._period_s is None
+        sent = self._answers(message, ready_ns) if is_asked else [self._send(message, ready_ns)]
+        return [*sent, *self._due_status(ready_ns, temperature_c)]
+
+    def _answers(self, message: Message, ready_ns: int) -> list[Transmission]:
+        """The answers to a request, as the scenario spoils them."""
+        traits = self._traits.answers
+        chances = (traits.never, traits.twice, traits.late, traits.foreign)
+        if not any(chances):
+            return [self._send(message, ready_ns)]
+        never, twice, late, foreign = (self._random.random() < chance for chance in chances)
+        ready_ns += round(traits.late_ms * 1e6) if late else 0
+        sent = []
+        if foreign and self._protocol.frame_layout.addresses is not None:
+            other = self._protocol.with_addresses(self._protocol.frame_layout.addresses.sensor + 1, None)
+            data = other.encode(message, 0)
+            sent.append(Transmission(ready_ns, data))
+            self._line_free_ns = max(self._line_free_ns, ready_ns + len(data) * self._byte_ns)
+        sent += [] if never else [self._send(message, ready_ns)]
+        return sent + ([Transmission(self._line_free_ns, sent[-1].data)] if twice and sent else [])
 
     def _due_status(self, utc_ns: int, temperature_c: float) -> list[Transmission]:
         """The STATUS frame that follows a panorama, where one is due and the protocol has it."""

@@ -121,6 +121,19 @@ class Host(_ScenarioSection):
         return self.clock_s + stepped + 1e-6 * self.clock_drift_ppm * since_start_s
 
 
+class AnswersSection(_ScenarioSection):
+    """How a polled sensor answers, and the adapter between; shares of the requests."""
+
+    never: Annotated[float, Field(ge=0, le=1)] = 0.0
+    twice: Annotated[float, Field(ge=0, le=1)] = 0.0
+    late: Annotated[float, Field(ge=0, le=1)] = 0.0
+    late_ms: Annotated[float, Field(ge=0, le=60_000)] = 150.0
+    foreign: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Answers of another unit on the line come before ours; of a protocol with addresses."""
+    echoes: bool = False
+    """A half-duplex adapter gives back what it is sent."""
+
+
 class Firmware(_ScenarioSection):
     """Traits of the sensor's computer."""
 
@@ -140,6 +153,9 @@ class Firmware(_ScenarioSection):
     """Time between STATUS frames, in protocols that have them; none where it is null."""
     supply_v: _Profile = ((0.0, 5.0),)
     """Supply voltage, against seconds since power-on."""
+    delay_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0
+    """From the end of an exposure to the first byte of its frame: reading out and thinking."""
+    answers: AnswersSection = AnswersSection()
 
 
 class AttitudeSection(_ScenarioSection):

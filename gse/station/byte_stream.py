@@ -9,6 +9,7 @@ from typing import NamedTuple
 from drivers.chunk import Chunk
 from gse.station.results import LinkCounters
 from protocols import Discard, Frame, FrameDecoder, Protocol
+from protocols.frame import ECHO
 
 
 class FrameAt(NamedTuple):
@@ -32,10 +33,12 @@ class ByteStream:
     the latest chunks made known, by the place of the chunk.
     """
 
-    def __init__(self, protocol: Protocol, counters: LinkCounters) -> None:
+    def __init__(self, protocol: Protocol, counters: LinkCounters, *, echoes: bool = False) -> None:
+        """With ``echoes`` commands are recognised that come back; ``latest_echoes`` are those of the latest chunks."""
         self.latest_reasons: dict[int, set[str]] = {}
+        self.latest_echoes: list[Discard] = []
         self._counters = counters
-        self._decoder = FrameDecoder(protocol, from_sensor=True)
+        self._decoder = FrameDecoder(protocol, from_sensor=True, echoes=echoes)
         self._chunks: list[Chunk] = []
         self._starts: list[int] = []
         self._sha256 = hashlib.sha256()
@@ -66,13 +69,15 @@ class ByteStream:
 
     def _take(self, pieces: Sequence[Frame | Discard], kept: int) -> list[FrameAt]:
         """The frames of pieces; ``kept`` chunks are older than those that completed them."""
-        self.latest_reasons = {}
+        self.latest_reasons, self.latest_echoes = {}, []
         chunks, starts, counters = self._chunks, self._starts, self._counters
         frames = []
         for piece in pieces:
             completed = bisect_left(starts, piece.known_at) - 1
             if isinstance(piece, Discard):
                 self._count_discard(piece)
+                if piece.reason == ECHO:
+                    self.latest_echoes.append(piece)
                 self.latest_reasons.setdefault(completed - kept, set()).add(piece.reason)
                 continue
             utc_ns, mono_ns, _ = chunks[bisect_right(starts, piece.start) - 1]

@@ -245,7 +245,15 @@ class StationLoop:
         self.session.catalog = setup.catalog_facts()
         self.session.stars = setup.identifier.catalog.listed
         self.session.versions = versions()
-        self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
+        poll = station.sensor.poll
+        self.reception = Reception(
+            setup.protocol,
+            baudrate=station.port.baudrate,
+            bits_per_byte=station.port.line.bits_per_byte,
+            anchor_utc_ns=anchor_utc_ns,
+            asks=(station.sensor.start or poll) is not None,
+            timeout_ns=round(poll.timeout_ms * 1e6) if poll else None,
+        )
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
         if station.screen is not None:
@@ -292,15 +300,17 @@ class StationLoop:
         *,
         stop: Callable[[], bool] = lambda: False,
         each: Callable[[list[FrameResults]], None] = lambda results: None,
+        wait_s: Callable[[], float] = lambda: RECEIVE_TIMEOUT_S,
     ) -> SessionData:
         """Receive until the link is at its end or ``stop`` says so.
 
-        ``first`` is what was received already, ``each`` gets the results of every round.
+        ``first`` is what was received already, ``each`` gets the results of every round, ``wait_s`` says how long a
+        round may last.
         """
         try:
             each(self.take(first))
             while not link.at_end and not stop():
-                each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
+                each(self.take(link.receive(wait_s())))
             each(self._drain(link) + self.finish())
         finally:
             self._close_external()
@@ -328,7 +338,7 @@ class StationLoop:
         for item in items:
             if isinstance(item, LinkEvent):
                 stream += self._framed(chunks)
-                stream += self._port_event(item)
+                stream += [item] if item.kind == LinkKind.SENT else self._port_event(item)
                 chunks = []
             else:
                 chunks.append(item)

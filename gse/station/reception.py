@@ -47,9 +47,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from gse.station.byte_stream import ByteStream, FrameAt
 from gse.station.events import ClockStep, StationKind
+from gse.station.polling import Polling
 from gse.station.results import LinkCounters, OwnAnswer
 from gse.values.instant import LAST_NS, NS_PER_S, bounded
 from gse.values.panorama import MAX_OBJECTS, Panorama, Panoramas, Parts
@@ -329,12 +330,23 @@ class Reception:
     others follow by the sensor's clock. Where that clock starts anew or leaps, it goes on from the latest panorama.
     """
 
-    def __init__(self, protocol: Protocol, *, baudrate: int, anchor_utc_ns: int | None = None) -> None:
+    def __init__(
+        self,
+        protocol: Protocol,
+        *,
+        baudrate: int,
+        bits_per_byte: float = BITS_PER_BYTE,
+        anchor_utc_ns: int | None = None,
+        asks: bool = False,
+        timeout_ns: int | None = None,
+    ) -> None:
+        """``asks`` where the station sends commands, ``timeout_ns`` where it polls, after which an answer is late."""
         self.counters = LinkCounters()
-        self.stream = ByteStream(protocol, self.counters)
+        self.stream = ByteStream(protocol, self.counters, echoes=asks)
+        self._polling = Polling(protocol, self.counters, timeout_ns)
         self._protocol = protocol
         self._panorama_type = "PANORAMA" if protocol.slots else ""
-        self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
+        self._byte_ns = round(bits_per_byte * NS_PER_S) // baudrate
         self._clock = SensorClock()
         self._arrivals = Arrivals(protocol, self.counters, has_times=anchor_utc_ns is None)
         self._anchor_utc_ns = anchor_utc_ns
@@ -355,7 +367,8 @@ class Reception:
         row = 0
         for item in stream:
             if isinstance(item, LinkEvent):
-                news.append((len(made), item))
+                found = self._polling.sent(item) if item.kind == LinkKind.SENT else [item]
+                news += [(len(made), event) for event in found]
             elif columns is not None and item.frame.type == self._panorama_type:
                 before = len(made)
                 if events := self._panorama(item, columns, row, made):
@@ -363,6 +376,9 @@ class Reception:
                 row += 1
             else:
                 news += [(len(made), found) for found in self._other(item, self._protocol.decode(item.frame))]
+        for echo in self.stream.latest_echoes:
+            at_ns = (bounded(stream[-1].utc_ns), bounded(stream[-1].mono_ns)) if stream else (0, 0)
+            news += [(len(made), event) for event in self._polling.echoed(echo.data, *at_ns)]
         return Received(news, _columns(columns, made) if columns and made else Panoramas.from_panoramas([]))
 
     def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> list[LinkEvent]:
@@ -373,6 +389,7 @@ class Reception:
         if self._arrived(at, host_utc_ns, mono_ns, time_us, events, restarted=restarted) is Arrival.DUPLICATE:
             return events + self._arrivals.repeated(at.frame, columns.frame_no[row], host_utc_ns, mono_ns)
         self._arrivals.new_panorama(columns.frame_no[row])
+        self._polling.answered(mono_ns)
         # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
         exposure_s = columns.exposure_s[row]
         exposure_s = exposure_s if 0 <= exposure_s <= LONGEST_EXPOSURE_S else math.nan

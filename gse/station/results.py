@@ -176,6 +176,8 @@ class LinkCounters:
 
     ``frames_repeated`` counts the panoramas that a frozen sensor sent again and again instead of new ones; they are
     among the ``duplicates``. ``objects_beyond`` are those of panoramas of which only the 30 brightest are looked at.
+    Of a sensor that is polled, ``requests`` were sent; ``unanswered`` ones got no panorama, ``late_answers`` came after
+    the time that the station file gives, ``unasked`` panoramas without a request.
     """
 
     bytes_in: int = 0
@@ -188,4 +190,8 @@ class LinkCounters:
     frames_lost: int = 0
     objects_beyond: int = 0
     sensor_resets: int = 0
+    requests: int = 0
+    unanswered: int = 0
+    late_answers: int = 0
+    unasked: int = 0
     reconnects: int = 0

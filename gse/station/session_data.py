@@ -62,8 +62,12 @@ class SessionData:
 
     @property
     def panoramas_lost(self) -> int:
-        """Lost frames that may have been panoramas, and the copies that a frozen sensor sent instead of them."""
-        return self.link.frames_lost - self.others_lost + self.link.frames_repeated
+        """Lost frames that may have been panoramas, and the copies that a frozen sensor sent instead of them.
+
+        An answer that is lost on its way leaves a gap in the sequence numbers, and its request unanswered.
+        """
+        lost = max(self.link.frames_lost - self.others_lost, self.link.unanswered)
+        return lost + self.link.frames_repeated
 
 
 # The instant that stands for a session wherever truth is asked for one.

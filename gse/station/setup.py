@@ -12,6 +12,7 @@ from drivers.clock import read_clock
 from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.catalog.readers import GAIA
 from gse.config.station import Station
+from gse.errors import UsageError
 from gse.external.identifier import AnswerSource, ExternalIdentifier, RunningIdentifier
 from gse.external.panoramas import SensorDescription, WireUnit
 from gse.external.plugs import plug_of
@@ -27,7 +28,7 @@ from gse.values.instant import NS_PER_S, to_julian_year
 from gse.values.matrices import product
 from gse.values.panorama import MAX_OBJECTS
 from gse.version import __version__
-from protocols import Protocol, load_protocol, parse_protocol
+from protocols import EncodeError, Protocol, load_protocol, parse_protocol
 
 ORION_RA_DE_DEG = (83.0, 0.0)
 """The belt of Orion: bright stars for a field of any width."""
@@ -106,6 +107,7 @@ def set_up(
             protocol = load_protocol(station.protocol)
         else:
             protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
+        protocol = addressed(protocol, station)
         setup = _loaded(station, station_text, protocol, utc_ns, recorded_answers)
         tell(f"star tables are ready; compiling the identifier {setup.identifier.name}")
         _warm_up(setup.identifier, setup.camera)
@@ -117,6 +119,14 @@ def set_up(
     tell(f"compiled in {(read_clock().mono_ns - began_ns) / NS_PER_S:.0f} s{from_now_on}")
     _give_back_what_compiling_took()
     return setup
+
+
+def addressed(protocol: Protocol, station: Station) -> Protocol:
+    """The protocol between the addresses that the station file states; UsageError where it has none."""
+    try:
+        return protocol.with_addresses(station.port.address, station.port.host_address)
+    except EncodeError as error:
+        raise UsageError(str(error)) from error
 
 
 @functools.cache

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +20,7 @@ from devices.terminal import Terminal
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
 from drivers.link import NOT_RUN_NS, SerialLink, _read
-from drivers.ports import PortInfo, explain, holders, names_by_id
+from drivers.ports import LineSettings, PortInfo, explain, holders, names_by_id
 from drivers.session_file.reader import messages
 from drivers.session_file.records import EVENTS, RX, TX
 from drivers.session_file.writer import CaptureWriter
@@ -365,3 +366,25 @@ def test_a_link_that_was_stopped_says_so_before_the_bytes_that_waited(terminal: 
         came = [process.stdout.readline() for _ in range(2)]
         process.kill()
     assert came == ["NOT_RUN\n", "bytes\n"]
+
+
+def test_the_settings_of_a_line_are_those_that_the_far_end_reads_back(terminal: Terminal) -> None:
+    """A pty carries no parity, and keeps no more than stop bits and flow control of what is set."""
+    line = LineSettings(parity="even", stop_bits=2, rtscts=True, xonxoff=True)
+    with SerialLink(str(terminal.path), line=line):
+        iflag, _, cflag, *_ = termios.tcgetattr(terminal.master)
+    assert cflag & termios.CSTOPB
+    assert cflag & termios.CRTSCTS
+    assert iflag & termios.IXON
+    with SerialLink(str(terminal.path)):
+        iflag, _, cflag, *_ = termios.tcgetattr(terminal.master)
+    assert not cflag & (termios.CSTOPB | termios.CRTSCTS)
+    assert not iflag & termios.IXON
+
+
+def test_a_line_is_named_by_its_settings_and_counts_its_bits() -> None:
+    assert [str(line) for line in (LineSettings(), LineSettings("odd", 7, 1.5, rtscts=True))] == [
+        "8N1",
+        "7O1.5, rtscts",
+    ]
+    assert [line.bits_per_byte for line in (LineSettings(), LineSettings("even", 8, 2))] == [10, 12]

@@ -14,6 +14,8 @@ from drivers.errors import CaptureError, PortError
 from drivers.link import SerialLink
 from drivers.mock.timestamped_port import Pace
 from drivers.mock.urls import parse_mock_url, replay_url
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import TX, RecordedMessage
 from drivers.session_file.writer import CaptureWriter
 
 START_NS = 1_774_000_000_000_000_000  # 2026-03-20T09:46:40Z
@@ -41,7 +43,17 @@ def everything(url: str) -> list[Chunk | LinkEvent]:
         assert not link.is_live
         while not link.at_end:
             items += link.receive(1.0)
-    return items
+    return [item for item in items if isinstance(item, Chunk) or item.kind != "SENT"]
+
+
+def test_a_replay_tells_what_was_sent_and_a_copy_records_it_as_sent(session: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.mcap"
+    with CaptureWriter(copy) as writer, SerialLink(replay_url(session), recorder=writer) as link:
+        items = [item for _ in range(20) for item in link.receive(1.0)]
+    assert [item.text for item in items if isinstance(item, LinkEvent) and item.kind == "SENT"] == [b"command".hex()]
+    records = [record for record in read_capture(copy) if isinstance(record, RecordedMessage)]
+    assert [record.data for record in records if record.topic == TX] == [b"command"]
+    assert not any(b"SENT" in record.data for record in records)
 
 
 def chunks(url: str) -> list[Chunk]:

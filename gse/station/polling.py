@@ -1,0 +1,77 @@
+"""Requests that were sent to a sensor, and which of them it answered: what a recording shows, live or replayed."""
+
+from collections import deque
+
+from drivers.chunk import LinkEvent
+from gse.station.events import StationKind
+from gse.station.results import LinkCounters
+from protocols import Frame, FrameDecoder, Protocol, Request
+
+IN_A_ROW = 3
+"""Requests without an answer that are an event; one alone is a missing frame."""
+_MOST_SENT = 64
+"""Commands that an echo is compared with: an echo comes at once."""
+
+
+class Polling:
+    """Follows what is sent and what comes; ``timeout_ns`` after a request its answer is late, None where none is asked.
+
+    A request is unanswered when the next one is sent before an answer came. A panorama that comes without a request is
+    the late answer to an unanswered one, if there is any, else it is unasked.
+    """
+
+    def __init__(self, protocol: Protocol, counters: LinkCounters, timeout_ns: int | None) -> None:
+        self._protocol, self._counters, self._timeout_ns = protocol, counters, timeout_ns
+        self._sent: deque[bytes] = deque(maxlen=_MOST_SENT)
+        self._pending_ns: int | None = None
+        self._in_a_row = 0
+        self._owed = 0
+        self._foreign_told = False
+
+    def sent(self, event: LinkEvent) -> list[LinkEvent]:
+        """Bytes that the station sent, in hexadecimal digits as a LinkEvent has them; the events that they bring."""
+        data = bytes.fromhex(event.text)
+        self._sent.append(data)
+        decoder = FrameDecoder(self._protocol, from_sensor=False)
+        found = [*decoder.feed(data), *decoder.finish()]
+        asked = sum(isinstance(item, Frame) and isinstance(self._protocol.decode(item), Request) for item in found)
+        if self._timeout_ns is None or not asked:
+            return []
+        self._counters.requests += asked
+        unanswered = self._pending_ns is not None
+        self._pending_ns = event.mono_ns
+        if not unanswered:
+            self._in_a_row = 0
+            return []
+        self._counters.unanswered += 1
+        self._owed += 1
+        self._in_a_row += 1
+        if self._in_a_row != IN_A_ROW:
+            return []
+        text = (
+            f"{IN_A_ROW} requests in a row were not answered: check the sensor's power, the cable to it, and "
+            "sensor.poll.timeout_ms"
+        )
+        return [LinkEvent(event.utc_ns, event.mono_ns, StationKind.UNANSWERED, text)]
+
+    def answered(self, mono_ns: int) -> None:
+        """A panorama came."""
+        if self._timeout_ns is None or not self._counters.requests:
+            return
+        if self._pending_ns is not None:
+            self._counters.late_answers += mono_ns - self._pending_ns > self._timeout_ns
+            self._pending_ns = None
+        elif self._owed:
+            self._owed -= 1
+            self._counters.unanswered -= 1
+            self._counters.late_answers += 1
+        else:
+            self._counters.unasked += 1
+
+    def echoed(self, data: bytes, utc_ns: int, mono_ns: int) -> list[LinkEvent]:
+        """A whole command came; the event, once, where this station did not send it."""
+        if self._foreign_told or any(data in sent or sent in data for sent in self._sent):
+            return []
+        self._foreign_told = True
+        text = f"a command came that this station did not send ({data[:24].hex(' ').upper()}): a second master is there"
+        return [LinkEvent(utc_ns, mono_ns, StationKind.SECOND_MASTER, text)]
