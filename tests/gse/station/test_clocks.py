@@ -7,12 +7,11 @@ import pytest
 from devices.injected_clocks import START_NS, InjectedClocks, Sky
 
 from gse.report import summarise
-from gse.station.clock_steps import clock_steps, first_rows, wrong_by_ns
-from gse.station.events import ClockStep, StationKind
+from gse.station.events import StationKind
 from gse.station.exclusions import Cause
 from gse.station.results import Verdict
 from gse.statistics.session_statistics import statistics
-from gse.values.instant import LAST_NS, NS_PER_S, from_text
+from gse.values.instant import NS_PER_S, from_text
 from gse.verdict.assessment import judge
 
 YEAR_S = 365.25 * 86_400
@@ -112,10 +111,6 @@ def test_a_small_step_that_put_the_clock_right_bounds_how_well_it_was_known(sky)
 # Leap seconds
 
 
-def leap_second_step(text, step_s=-1.0):
-    return ClockStep(from_text(text), 0, StationKind.CLOCK_STEP, "", round(step_s * NS_PER_S))
-
-
 def test_a_second_that_ntp_repeats_is_told_and_moves_no_frame(sky):
     def elapsed_s(true_s):
         return true_s + (1.0 if true_s >= 30 else 0.0)
@@ -125,23 +120,6 @@ def test_a_second_that_ntp_repeats_is_told_and_moves_no_frame(sky):
     counted_s = counted_and_right(sky, session)
     assert len(counted_s) > 5 * 68
     assert {item.cause for item, _ in statistics(session).exclusions} == {Cause.CLOCK_STEP}
-
-
-@pytest.mark.parametrize(
-    ("text", "wrong_s"),
-    [
-        ("2017-01-01T00:00:00Z", 0),
-        ("2015-06-30T23:59:59Z", 0),
-        ("2017-01-01T00:00:09Z", 1),
-        ("2017-02-01T00:00:00Z", 1),
-    ],
-)
-def test_a_leap_second_puts_no_clock_right(text, wrong_s):
-    assert wrong_by_ns(leap_second_step(text)) == -wrong_s * NS_PER_S
-
-
-def test_two_seconds_at_new_year_are_no_leap_second():
-    assert wrong_by_ns(leap_second_step("2017-01-01T00:00:00Z", -2.0)) == -2 * NS_PER_S
 
 
 def test_a_smear_is_no_step_but_a_drift_that_is_told(sky):
@@ -206,28 +184,3 @@ def test_a_monotonic_clock_that_leaps_moves_no_frame(sky):
 def test_a_monotonic_clock_that_begins_anew_moves_no_frame(sky):
     session = sky.session(InjectedClocks(mono_s=lambda t: t - (900.0 if t >= 30 else 0.0)))
     assert len(counted_and_right(sky, session)) >= 5 * 69
-
-
-# Which rows are before a step
-
-
-def step(utc_s, step_s):
-    return ClockStep(round(utc_s * NS_PER_S), 0, StationKind.CLOCK_STEP, "", round(step_s * NS_PER_S))
-
-
-@pytest.mark.parametrize(
-    ("host_s", "steps", "rows"),
-    [
-        ([10, 11, 12, 100, 101], [step(100, 87)], [3]),
-        ([10, 11, 12, 3, 4], [step(3, -10)], [3]),
-        ([10, 11, 12, 11.5, 12.5], [step(11.5, -1.5)], [3]),
-        ([10, 11, 12, 100, 101, 14, 15], [step(100, 87), step(14, -88)], [3, 5]),
-        ([10, 11, 12], [step(13, -1)], [3]),
-        ([], [step(13, -1)], [0]),
-        ([10, 11], [step(LAST_NS / NS_PER_S, 1e10)], [2]),
-    ],
-)
-def test_the_first_row_after_a_step_is_found_where_utc_repeats(host_s, steps, rows):
-    host_ns = np.array([round(second * NS_PER_S) for second in host_s], dtype=np.int64)
-    assert first_rows(host_ns, steps) == rows
-    assert len(clock_steps(steps)) == len(steps)

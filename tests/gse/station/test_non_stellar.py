@@ -18,6 +18,7 @@ from gse.station.non_stellar import (
     MAX_HOT,
     MAX_REMEMBERED,
     MOON_WITHIN_RAD,
+    PLANET_WITHIN_PX,
     SAME_PIXEL_PX,
     UNKNOWN,
     NonStellarObjects,
@@ -144,12 +145,14 @@ def test_more_than_one_hot_pixel_is_known_each_by_both_of_its_coordinates():
     assert found == [HOT_PIXEL, HOT_PIXEL, UNKNOWN, UNKNOWN]
 
 
-@pytest.mark.parametrize(("off_px", "kind"), [(3.9, "Jupiter"), (4.1, UNKNOWN)])
-def test_an_object_within_four_pixels_of_a_planet_is_it(off_px, kind):
+@pytest.mark.parametrize(("beyond_px", "kind"), [(-0.1, "Jupiter"), (0.1, UNKNOWN)])
+def test_an_object_within_some_pixels_of_a_planet_is_it(beyond_px, kind):
     attitude = Attitude.from_angles(*JUPITER_ICRS, 0.0)
     (_, _), (_, found) = name(
         NonStellarObjects(CAMERA, SITE),
-        panorama(0, (900.0, 900.0), tuple(place_of("Jupiter", attitude) + np.array([off_px, 0.0]))),
+        panorama(
+            0, (900.0, 900.0), tuple(place_of("Jupiter", attitude) + np.array([PLANET_WITHIN_PX + beyond_px, 0.0]))
+        ),
         NONE,
         attitude,
         truth_known=True,

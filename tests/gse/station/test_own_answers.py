@@ -29,13 +29,11 @@ from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
 from gse.station.setup import set_up
 from gse.statistics.decision import Outcome
-from gse.truth import horizon_to_sensor
 from gse.truth.frames import icrs_to_frame
 from gse.values.attitude import Attitude
 from gse.values.attitude_convention import AttitudeConvention, state_angles, state_quaternions
 from gse.values.camera import Camera
 from gse.values.instant import NS_PER_S
-from gse.values.mount import Mount
 from gse.verdict.assessment import judge
 from protocols import AttitudeMessage, parse_protocol
 
@@ -204,20 +202,6 @@ def test_at_the_zenith_a_field_expects_what_its_middle_does():
     assert attitude_errors(wide.expected(utc_ns), narrow.expected(utc_ns))[0] == pytest.approx(0, abs=0.3)
 
 
-def test_stars_of_a_field_that_stand_below_three_degrees_are_expected_by_no_sensor():
-    """The boresight at 5 deg: the lower part of the field is left out, and where all of it is, its middle stands."""
-    low, field_sensor = Mount(altitude_deg=5.0), field_of(STATION.sensor.camera())
-    altitude_deg = np.degrees(np.arcsin(field_sensor @ horizon_to_sensor(low)[:, 2]))
-    above = field_sensor[altitude_deg > 2.866]  # a sine of 0.05
-    assert 10 < len(above) < len(field_sensor) - 10
-    utc_ns = np.array([START_NS])
-    whole, part = (OwnAnswerTruth(TRUTH, low, field_sensor=seen).shifts(utc_ns) for seen in (field_sensor, above))
-    assert np.abs(whole - part).max() < 1e-12
-    lower = field_sensor[altitude_deg < 2.0]
-    alone, middle = (OwnAnswerTruth(TRUTH, low, field_sensor=seen).shifts(utc_ns) for seen in (lower, None))
-    assert np.abs(alone - middle).max() < 1e-12
-
-
 @pytest.mark.parametrize(
     ("problems", "state", "status", "detail"),
     [
@@ -237,14 +221,6 @@ def test_an_answer_that_cannot_be_is_a_fault_of_the_sensor_and_one_that_it_does_
     assert result.detail.startswith(detail)
     assert result.attitude is None
     assert result.elapsed_us == 100_000.0
-
-
-def test_the_panorama_behind_an_answer_holds_no_object():
-    message = AttitudeMessage(7, frame_no=3, matched=14, state="acquired", latency_s=0.1)
-    panorama = OwnAnswerProcessor.panorama(OwnAnswer(message, START_NS + 5, START_NS, 9))
-    assert panorama.xy_px.shape == (0, 2)
-    assert (panorama.utc_ns, panorama.host_utc_ns, panorama.time_us) == (START_NS, START_NS + 5, 7)
-    assert (panorama.frame_no, panorama.sequence, len(panorama.brightness)) == (3, 9, 0)
 
 
 # The parts of it, by hand

@@ -1,7 +1,6 @@
 """The sky's condition from the stars: cloud, cap, Moon and daylight, each by its name or not at all."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +23,6 @@ from gse.station.sky_condition import (
     Lights,
     SkyEvidence,
     SkyWatch,
-    condition_of,
     evidence_of,
     separation_deg,
     stars_in_field,
@@ -170,13 +168,6 @@ def test_frames_that_fail_with_all_their_objects_are_no_cloud() -> None:
     assert conditions[1] is SkyCondition.CLEAR
 
 
-@pytest.mark.parametrize(("unmatched", "condition"), [(2.0, SkyCondition.CLOUDED), (16.0, SkyCondition.CLEAR)])
-def test_stars_that_are_there_and_match_none_are_no_cloud(unmatched: float, condition: SkyCondition) -> None:
-    """As with a lens out of focus, or with a distortion that is not stated."""
-    few = SkyEvidence(DARK, 30.0, 0.2, math.nan, 5.0, 24.0, 0.0, True, False, 0.05, unmatched)
-    assert condition_of(few, ClearSky(), SkyCondition.UNKNOWN) is condition
-
-
 def test_a_cloud_that_stays_is_told_by_the_zero_point_of_a_clear_night_alone() -> None:
     """14 at an exposure of 0.05 s is 17.25 at 1 s."""
     hazy = rows(stars=13, zero_point_mag=13.1)
@@ -186,37 +177,10 @@ def test_a_cloud_that_stays_is_told_by_the_zero_point_of_a_clear_night_alone() -
     assert watched(hazy, rows(stars=14), stated_mag=17.25)[0] == ["CLOUDED", "CLEAR"]
 
 
-def test_a_clear_sky_of_few_stars_says_what_else_it_may_be() -> None:
-    few = SkyEvidence(DARK, 30.0, 0.75, math.nan, 4.0, 13.0, 0.0, True, False, 0.05)
-    assert "thin cloud that was always there" in words_of(SkyCondition.CLEAR, few, ClearSky())
-    assert "always there" not in words_of(SkyCondition.CLEAR, replace(few, seen_share=0.85), ClearSky())
-
-
-@pytest.mark.parametrize(
-    ("zero_point_mag", "words"),
-    [
-        (17.0, "0.2 mag fainter than the stated zero point says"),
-        (18.25, "1.0 mag brighter than the stated zero point says: it is not this sensor's"),
-    ],
-)
-def test_a_stated_zero_point_leaves_no_doubt(zero_point_mag: float, words: str) -> None:
-    few = SkyEvidence(DARK, 30.0, 0.4, zero_point_mag, 4.0, 13.0, 0.0, True, False, 0.05)
-    told = words_of(SkyCondition.CLEAR, few, ClearSky(17.25, 0.4, is_stated=True))
-    assert words in told
-    assert "always there" not in told
-
-
 def test_a_cloud_is_told_against_what_is_stated() -> None:
     few = SkyEvidence(DARK, 30.0, 0.4, 16.0, 4.0, 13.0, 0.0, True, False, 0.05)
     told = words_of(SkyCondition.CLOUDED, few, ClearSky(17.25, 0.4, is_stated=True))
     assert told.startswith("stars are 1.2 mag fainter than the stated zero point says")
-
-
-def test_a_field_of_one_star_is_not_judged_by_its_share() -> None:
-    one = SkyEvidence(DARK, 1.0, 0.0, math.nan, math.nan, 1.0, 0.0, False, False, 0.05)
-    assert condition_of(one, ClearSky(), SkyCondition.UNKNOWN) is SkyCondition.NO_STARS
-    seen = replace(one, seen_share=1.0, shows_stars=True)
-    assert condition_of(seen, ClearSky(), SkyCondition.UNKNOWN) is SkyCondition.CLEAR
 
 
 def test_the_moon_in_the_field_hides_stars_and_is_no_cloud() -> None:
