@@ -1,7 +1,5 @@
 """Sidereal truth against astropy's own high-level frames (ICRS to AltAz and back)."""
 
-from dataclasses import replace
-
 import astropy.units as u
 import astropy_iers_data
 import numpy as np
@@ -10,10 +8,9 @@ from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_body
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 
-from gse.truth import EarthOrientation, Refraction, SiderealTruth
+from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.solar_system import BODIES, bodies_icrs
 from gse.values.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD, from_text
-from gse.values.mount import Mount
 from gse.values.site import Site
 
 ARCSEC = np.pi / 180 / 3600
@@ -139,25 +136,6 @@ def test_days_are_measured_or_predicted_with_the_errors_that_astropy_reads_from_
         row = int(np.searchsorted(mjd, day))
         assert kind == {"I": "measured", "P": "predicted"}[flags[row]]
         assert error_s == pytest.approx(finals["e_UT1_UTC_A"][row].to_value(u.s), abs=1e-9)
-
-
-def test_a_mount_looks_where_its_azimuth_and_altitude_say():
-    site = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=250)
-    ns = from_text("2026-03-20T18:30:00Z")
-    truth = SiderealTruth(site, EarthOrientation.from_disk(ns))
-    attitude = truth.attitude_true(ns, Mount(azimuth_deg=123, altitude_deg=41, roll_deg=17))
-    # An apparent direction: astropy's AltAz gives it to the star whose aberration leads there.
-    up_icrs = truth.icrs_to_horizon(ns).T @ [0.0, 0.0, 1.0]
-    horizon = truth.icrs_to_horizon(ns) @ attitude.boresight_icrs
-    assert np.degrees(np.arctan2(horizon[0], horizon[1])) == pytest.approx(123)
-    assert np.degrees(np.arcsin(attitude.boresight_icrs @ up_icrs)) == pytest.approx(41)
-
-
-def test_the_refraction_constants_are_those_of_the_air(cases):
-    _, sites, _ = cases
-    thin, thick = (Refraction.at(replace(sites[0], pressure_hpa=p)) for p in (500.0, 1000.0))
-    assert thick.a_rad == pytest.approx(2 * thin.a_rad, rel=0.01)
-    assert 50 * ARCSEC < thick.bend_rad(np.pi / 4) < 65 * ARCSEC
 
 
 def test_planets_and_the_moon_stand_where_astropy_has_them():

@@ -70,8 +70,3 @@ def test_within_a_hundredth_of_an_arcsecond_of_zenith_or_nadir_azimuth_is_called
 def test_a_rotation_is_kept_and_nobody_may_write_into_it():
     assert not horizon_to_sensor(Mount(azimuth_deg=1.0)).flags.writeable
     assert not horizon_to_sensor(Mount(inertial=InertialDirection(ra_deg=1.0, de_deg=2.0))).flags.writeable
-
-
-def test_before_a_star_simulator_the_sensors_frame_is_the_only_one():
-    shown = Mount(inertial=InertialDirection(ra_deg=1.0, de_deg=2.0))
-    assert (horizon_to_sensor(shown) == np.eye(3)).all()

@@ -35,19 +35,6 @@ def test_sun_and_moon_are_where_astropy_sees_them(site: Site) -> None:
         assert np.degrees(np.abs(ours - expected).max()) < 0.05
 
 
-def test_the_altitude_of_one_instant_is_that_of_many() -> None:
-    utc_ns = np.array([from_text(text) for text in TIMES])
-    sun, _ = sun_and_moon_horizon(SITES[0], utc_ns)
-    alone = [sun_altitude_deg(SITES[0], int(value)) for value in utc_ns]
-    np.testing.assert_allclose(np.sin(np.radians(alone)), sun[:, 2], atol=1e-12)
-
-
-def test_the_rotation_to_the_horizon_is_proper() -> None:
-    rotations = icrs_to_horizon(SITES[0], np.array([from_text(TIMES[0])]))
-    np.testing.assert_allclose(rotations[0] @ rotations[0].T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(rotations[0]) > 0
-
-
 ARCSEC = np.pi / 180 / 3600
 AU_M, LIGHT_AU_PER_DAY = 149_597_870_700.0, 299_792_458.0 * 86_400 / 149_597_870_700
 
