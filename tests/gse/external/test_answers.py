@@ -51,29 +51,36 @@ def test_numbers_beside_a_word_for_no_answer_are_what_was_left_there(status, is_
 
 
 @pytest.mark.parametrize(
-    "values",
+    ("values", "words"),
     [
-        {"quaternion": [0, 0, 0, 1]},
-        {"quaternion": [0, 0, 0, 1], "order": "xyzw", "maps": "icrs-to-sensor"},
-        {"quaternion": [0, 0, 0, 2], "order": "scalar-last", "maps": "icrs-to-sensor"},
-        {"quaternion": [0, 0, 1], "order": "scalar-last", "maps": "icrs-to-sensor"},
-        {"quaternion": [0, 0, None, 1], "order": "scalar-last", "maps": "icrs-to-sensor"},
-        {"matches": [{"object": 0, "star": 1}, {"object": 0, "star": 2}]},
-        {"matches": [{"object": True, "star": 1}]},
-        {"matches": [{"object": 0, "star": 2**63}]},
-        {"matches": {"object": 0, "star": 1}},
-        {"matches": [{"object": 0, "star": "9223372036854775808"}]},
-        {"matches": [{"object": 0, "star": "Gaia DR3 1"}]},
-        {"matches": [{"object": 0, "star": "1e18"}]},
-        {"matches": [{"object": 0, "star": 1e18}]},
-        {"status": 3},
-        {"status": "IDENTIFIED", "ra_deg": None, "de_deg": None},
+        ({"ra_deg": 400}, "ra_deg is 400: expected a number from 0 to 360"),
+        ({"ra_deg": "10"}, "ra_deg is '10'"),
+        ({"ra_deg": None}, "ra_deg is None"),
+        ({"de_deg": -90.5}, "de_deg is -90.5"),
+        ({"elapsed_us": -1}, "elapsed_us is -1"),
+        ({"matches": [{"object": 3, "star": 1}]}, "an object from 0 to 2"),
+        ({"quaternion": [0, 0, 0, 1]}, ""),
+        ({"quaternion": [0, 0, 0, 1], "order": "xyzw", "maps": "icrs-to-sensor"}, ""),
+        ({"quaternion": [0, 0, 0, 2], "order": "scalar-last", "maps": "icrs-to-sensor"}, ""),
+        ({"quaternion": [0, 0, 1], "order": "scalar-last", "maps": "icrs-to-sensor"}, ""),
+        ({"quaternion": [0, 0, None, 1], "order": "scalar-last", "maps": "icrs-to-sensor"}, ""),
+        ({"matches": [{"object": 0, "star": 1}, {"object": 0, "star": 2}]}, ""),
+        ({"matches": [{"object": True, "star": 1}]}, ""),
+        ({"matches": [{"object": 0, "star": 2**63}]}, ""),
+        ({"matches": {"object": 0, "star": 1}}, ""),
+        ({"matches": [{"object": 0, "star": "9223372036854775808"}]}, ""),
+        ({"matches": [{"object": 0, "star": "Gaia DR3 1"}]}, ""),
+        ({"matches": [{"object": 0, "star": "1e18"}]}, ""),
+        ({"matches": [{"object": 0, "star": 1e18}]}, ""),
+        ({"status": 3}, ""),
+        ({"status": "IDENTIFIED", "ra_deg": None, "de_deg": None}, ""),
     ],
 )
-def test_an_answer_out_of_the_schema_is_nonsense_and_in_step(values):
+def test_an_answer_out_of_the_schema_is_nonsense_and_in_step(values, words):
     found = parse_answer({"frame_no": 1, "ra_deg": 1.0, "de_deg": 1.0, **values}, 1, 3)
     assert not isinstance(found, ExternalAnswer)
     assert found.in_step
+    assert words in found.detail
 
 
 @given(document=st.dictionaries(st.sampled_from(["ra_deg", "de_deg", "roll_deg", "matches", "status"]), JUNK))
