@@ -342,7 +342,7 @@ def test_whoever_holds_a_device_is_named(tmp_path: Path) -> None:
 
 LISTEN = """
 import sys
-from drivers.link import NOT_RUN_NS, SerialLink, _read
+from drivers.link import SerialLink
 with SerialLink(sys.argv[1]) as link:
     while True:
         for item in link.receive(1.0):

@@ -47,5 +47,5 @@ def test_frames_of_the_first_seconds_are_not_compared_and_later_ones_are_with_th
 
 def test_the_alignment_is_an_event_at_the_first_frame_after_it(session):
     (event,) = (event for event in session.events if event.kind == "ALIGNED")
-    assert event.utc_ns == START_NS + 20 * NS_PER_S
+    assert (event.utc_ns, event.mono_ns) == (START_NS + 20 * NS_PER_S, 0)
     assert event.text == str(session.alignment)

@@ -316,20 +316,6 @@ def under_the_sky(setup: Setup, second: int, *, time_us: int = 0) -> Panorama:
     return Panorama(utc_ns, xy_px[inside], np.linspace(4000.0, 300.0, len(inside)), time_us=time_us)
 
 
-def test_a_mount_is_fitted_to_the_first_seconds_and_errors_are_told_from_then_on(setup: Setup) -> None:
-    station = setup.station.model_copy(update={"mount": Mount(align="first 20 s")})
-    loop = StationLoop(replace(setup, station=station))
-    early = [loop.observe(under_the_sky(setup, second)) for second in range(20)]
-    assert {result.attitude_error for result in early} == {None}
-    assert loop.session.alignment is None
-    late = loop.observe(under_the_sky(setup, 20))
-    assert loop.session.alignment.n == 20
-    assert loop.session.alignment.mount.altitude_deg == pytest.approx(MOUNT.altitude_deg, abs=0.01)
-    assert abs(late.attitude_error.d_de_arcsec) < 3
-    (told,) = [one for one in loop.session.events if one.kind == StationKind.ALIGNED]
-    assert (told.utc_ns, told.mono_ns, told.text) == (START_NS + 20 * NS_PER_S, 0, str(loop.session.alignment))
-
-
 def test_panoramas_come_one_by_one_while_the_mount_is_fitted(setup: Setup) -> None:
     """The next may bring it."""
     station = setup.station.model_copy(update={"mount": Mount(align="first 20 s")})
