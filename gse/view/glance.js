@@ -5,7 +5,6 @@ const LOST_AFTER_MS = 2000;
 const AGAIN_AFTER_MS = 1000;
 const LOOK_MS = 500, BUSY_MS = 1500;
 const STALE_AFTER_S = 2, LONG_S = 600;
-const EDGE = 1.45, MARK = 0.3;
 const at = (id) => document.getElementById(id);
 const svg = (name, attributes) => {
   const node = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -95,8 +94,7 @@ function show(state) {
   put("disk", number(state.disk_free_gb, 1));
   put("frames", String(state.frames));
   put("frames-note", `${number(state.frames_per_s, 1)}/s, ${state.frames_lost} lost`);
-  const isStale = !state.ended && state.since_answer_s > STALE_AFTER_S;
-  state.axes.forEach((axis, place) => showAxis(axis, place, isStale));
+  if (state.errors) takeErrors(state.errors);
   showTurn(state.turn);
   showFocus(state.focus);
   at("note").hidden = state.ended;  // nobody takes it then
@@ -108,36 +106,187 @@ function show(state) {
   put("session", `${state.sensor}, ${state.site}, ${state.port}; for ${state.duration_s < 120 ? `${state.duration_s} s` : duration(Math.floor(state.duration_s / 60))}; ${state.utc.slice(11, 19)} UTC`);
 }
 
-function showAxis(axis, place, isStale) {
-  const id = `axis-${place}`;
-  if (!at(id)) {
-    const box = Object.assign(document.createElement("div"), {id, className: "axis"});
-    box.innerHTML = '<h2></h2><span class="value"></span> <small></small>' +
-      '<svg viewBox="0 -1.5 120 3" preserveAspectRatio="none"><path class="zero" d="M0 0H120"/>' +
-      '<path class="limit" d="M0-1H120M0 1H120"/><path class="spark"/></svg>' +
-      '<div class="scale"><span>10 min ago</span><span class="bounds"></span><span>now</span></div>';
-    at("axes").append(box);
-  }
-  const box = at(id);
-  box.querySelector("h2").textContent = `${axis.name}, ${axis.subject} (arcsec)`;
-  const value = box.querySelector(".value");
-  value.textContent = angle(axis.last_arcsec, 1);
-  value.classList.toggle("stale", isStale);
-  value.classList.toggle("outside", Math.abs(axis.last_arcsec) > axis.limit_arcsec);
-  box.querySelector("small").textContent =
-    (axis.outside ? "OUTSIDE " : "") +
-    `mean ${angle(axis.mean_arcsec, 1)}, std ${number(axis.std_arcsec, 1)}, NEA ${number(axis.nea_arcsec, 1)}`;
-  box.querySelector(".bounds").textContent = `dashed: limits ±${axis.limit_arcsec}`;
-  const recent = axis.recent ?? [];
-  const line = recent.map((pair, x) => pair ? `M${x + 0.5} ${bar(pair).join("V")}` : "");
-  box.querySelector(".spark").setAttribute("d", line.join(""));
+
+// The errors over time. The server sends bins of mean, spread and extremes; here they become a running mean with its
+// band of one standard deviation. The axis follows the data: a limit that is far is a mark at its edge.
+const CLOSE_S = 600, SMOOTH_S = 20, ASK_MS = 1000, LEAST_SHARE = 0.04, GAP = 3.5, MOST_GAP_S = 10;
+const GROUP = ["MEAN", "SIGMA", "LOW", "HIGH"].length;
+const errors = {view: "sky", subject: "onboard", sends_own: false, axes: [], close: null, whole: null, marks: []};
+let plots = [], askedMs = -Infinity;
+
+function request() {
+  const nowMs = performance.now();
+  if (nowMs - askedMs < ASK_MS && !latest?.ended) return "next";
+  askedMs = nowMs;
+  const last = (level) => level?.bins.length ? level.bins.at(-1)[0] : 0;
+  const mark = errors.marks.length ? errors.marks.at(-1)[0] : 0;
+  return `next ${errors.view} ${errors.subject} ${last(errors.close)} ${errors.whole?.step_s ?? 0} ${last(errors.whole)} ${mark}`;
 }
 
-// From top to bottom of the errors of some seconds, in limits downwards; far ones are a mark at the edge.
-function bar([low, high]) {
-  const top = -Math.min(EDGE, high), bottom = -Math.max(-EDGE, low);
-  if (low > EDGE - MARK) return [top, top + MARK];
-  return high < MARK - EDGE ? [bottom - MARK, bottom] : [top, bottom + 0.02];
+function choose(view, subject) {
+  Object.assign(errors, {view, subject, axes: [], close: null, whole: null, marks: []});
+  for (const node of document.querySelectorAll("#plot-bar button"))
+    node.setAttribute("aria-pressed", String(node.dataset.view === view || node.dataset.subject === subject));
+  askedMs = -Infinity;
+}
+
+function joined(level, news) {
+  const kept = !level || news.anew ? [] : level.bins.filter((bin) => bin[0] < news.bins[0]?.[0]);
+  return {step_s: news.step_s, bins: [...kept, ...news.bins]};
+}
+
+function takeErrors(news) {
+  if (news.view !== errors.view) return;  // of a button before
+  errors.close = joined(errors.close, news.close);
+  const until = errors.close.bins.at(-1)?.[0] ?? 0;
+  errors.close.bins = errors.close.bins.filter((bin) => bin[0] > until - CLOSE_S);
+  errors.whole = joined(errors.whole, news.whole);
+  errors.marks.push(...news.marks);
+  errors.axes = news.axes;
+  at("subjects").hidden = !news.sends_own || news.view === "across";
+  if (plots.length !== news.axes.length || plots.some((plot, k) => plot.name !== news.axes[k].name)) buildPlots();
+  plots.forEach((plot, k) => plot.draw(k));
+}
+
+// Times, extremes, band and running mean of one axis; a gap where nothing was compared for long.
+function curves(level, place, smooth_s) {
+  const {step_s, bins} = level, offset = 2 + GROUP * place, data = [[], [], [], [], [], []];
+  const gap = Math.max(GAP * step_s * Math.max(1, (bins.at(-1)?.[0] - bins[0]?.[0]) / Math.max(bins.length - 1, 1)), MOST_GAP_S);
+  let first = 0, count = 0, sum = 0, squares = 0;
+  const add = (bin, sign) => {
+    const n = sign * bin[1], mean = bin[offset], sigma = bin[offset + 1];
+    count += n; sum += n * mean; squares += n * (mean * mean + sigma * sigma);
+  };
+  bins.forEach((bin, k) => {
+    const time = (bin[0] + 0.5) * step_s;
+    if (k && (bin[0] - bins[k - 1][0]) * step_s > gap) {
+      [(bins[k - 1][0] + 1) * step_s, null, null, null, null, null].forEach((value, c) => data[c].push(value));
+      for (; first < k; first++) add(bins[first], -1);
+    }
+    add(bin, 1);
+    for (; (bin[0] - bins[first][0]) * step_s >= smooth_s && first < k; first++) add(bins[first], -1);
+    const mean = sum / count, sigma = Math.sqrt(Math.max(0, squares / count - mean * mean));
+    [time, bin[offset + 2], bin[offset + 3], mean - sigma, mean + sigma, mean].forEach((value, c) => data[c].push(value));
+  });
+  return data;
+}
+
+// Zero, the band, and nearly all of the extremes; a limit that is not far, too.
+function reach(data, limit) {
+  const values = [...data[3], ...data[4]].filter((value) => value !== null);
+  const quantile = (list, share) => list.length ? list.sort((a, b) => a - b)[Math.floor(share * (list.length - 1))] : 0;
+  const lows = data[1].filter((value) => value !== null), highs = data[2].filter((value) => value !== null);
+  let low = Math.min(0, quantile(lows, 0.02), ...values), high = Math.max(0, quantile(highs, 0.98), ...values);
+  const least = LEAST_SHARE * (limit ?? 0) || 1;
+  if (high - low < least) { low -= least / 2; high += least / 2; }
+  const room = 0.12 * (high - low);
+  low -= room; high += room;
+  if (limit) {
+    if (high > 0.7 * limit && high < 1.05 * limit) high = 1.05 * limit;
+    if (low < -0.7 * limit && low > -1.05 * limit) low = -1.05 * limit;
+  }
+  return [low, high];
+}
+
+const rem = () => parseFloat(getComputedStyle(document.documentElement).fontSize);
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+function behind(u, limit) {
+  const {ctx} = u, {left, top, width, height} = u.bbox, ratio = devicePixelRatio;
+  const y = (value) => u.valToPos(value, "y", true), x = (time) => u.valToPos(time, "x", true);
+  ctx.save();
+  ctx.beginPath(); ctx.rect(left, top, width, height); ctx.clip();
+  let dark = null;
+  const shade = (from, to) => { ctx.fillStyle = colour("--edge"); ctx.fillRect(x(from), top, x(to) - x(from), height); };
+  for (const [, time, kind] of errors.marks) {
+    if (/^(CLOUDED|NO_STARS|DAYLIGHT)$/.test(kind)) dark ??= time;
+    if (/^(CLEAR|DARK_NIGHT)$/.test(kind) && dark !== null) { shade(dark, time); dark = null; }
+  }
+  if (dark !== null) shade(dark, u.scales.x.max);
+  const across = (value, style, dash) => {
+    ctx.strokeStyle = style; ctx.lineWidth = ratio; ctx.setLineDash(dash);
+    ctx.beginPath(); ctx.moveTo(left, y(value)); ctx.lineTo(left + width, y(value)); ctx.stroke();
+  };
+  across(0, colour("--dim"), []);
+  if (limit) for (const side of [limit, -limit]) across(side, colour("--limit"), [6 * ratio, 4 * ratio]);
+  ctx.restore();
+}
+
+function before(u, limit, isClose) {
+  const {ctx} = u, {left, top, width, height} = u.bbox, ratio = devicePixelRatio, {min, max} = u.scales.y;
+  ctx.save();
+  ctx.font = `${Math.round(rem() * 0.68 * ratio)}px system-ui, sans-serif`;
+  ctx.textAlign = "right";
+  if (limit) {
+    ctx.fillStyle = colour("--limit");
+    if (max < limit) { ctx.textBaseline = "top"; ctx.fillText(`\u25B2 limit +${limit}`, left + width - 4 * ratio, top + (isClose ? 16 : 2) * ratio); }
+    if (min > -limit) { ctx.textBaseline = "bottom"; ctx.fillText(`\u25BC limit \u2212${limit}`, left + width - 4 * ratio, top + height - 2 * ratio); }
+  }
+  ctx.beginPath(); ctx.rect(left, top, width, height); ctx.clip();
+  ctx.textAlign = "left"; ctx.textBaseline = "top"; ctx.lineWidth = ratio; ctx.setLineDash([2 * ratio, 3 * ratio]);
+  let free = -Infinity;
+  for (const [, time, kind, text] of errors.marks) {
+    const place = u.valToPos(time, "x", true);
+    if (place < left || place > left + width) continue;
+    ctx.strokeStyle = ctx.fillStyle = kind === "NOTE" ? colour("--text") : colour("--warn");
+    ctx.beginPath(); ctx.moveTo(place, top); ctx.lineTo(place, top + height); ctx.stroke();
+    const label = (kind === "NOTE" ? text : kind.toLowerCase().replace("_", " ")).slice(0, 22);
+    if (isClose && place > free) { ctx.fillText(label, place + 3 * ratio, top + 2 * ratio); free = place + ctx.measureText(label).width + 9 * ratio; }
+  }
+  ctx.restore();
+}
+
+function newPlot(node, isClose, limit) {
+  const size = () => ({width: Math.max(node.clientWidth, 60), height: Math.max(node.clientHeight, 40)});
+  const line = colour("--line"), dim = colour("--dim"), font = `${Math.round(rem() * 0.7)}px system-ui, sans-serif`;
+  const none = {stroke: null, width: 0, points: {show: false}}, shown = (alpha) => `${line}${alpha}`;
+  const axis = {font, stroke: dim, grid: {stroke: colour("--edge"), width: 1}, ticks: {show: false}};
+  const plot = new uPlot({
+    ...size(), padding: [4, 16, 0, 0], legend: {show: false}, cursor: {y: false, points: {show: false}, drag: {x: false, y: false}},
+    tzDate: (seconds) => uPlot.tzDate(new Date(seconds * 1000), "Etc/UTC"),
+    scales: {x: {time: true, range: (u, low, high) => isClose ? [high - CLOSE_S, high] : [low, Math.max(high, low + 60)]},
+      y: {range: (u) => reach(u.data, limit)}},
+    series: [{}, none, none, none, none, {stroke: line, width: isClose ? 3 : 2, points: {show: false}}],
+    bands: [{series: [2, 1], fill: shown("38")}, {series: [4, 3], fill: shown("66")}],
+    axes: [{...axis, size: 20, gap: 2, space: 70, values: "{HH}:{mm}"}, {...axis, size: 44, gap: 3, space: isClose ? 24 : 18}],
+    hooks: {drawAxes: [(u) => behind(u, limit)], draw: [(u) => before(u, limit, isClose)]},
+  }, [[], [], [], [], [], []], node);
+  new ResizeObserver(() => plot.setSize(size())).observe(node);
+  return plot;
+}
+
+function buildPlots() {
+  at("axes").replaceChildren();
+  plots = errors.axes.map(({name, limit_arcsec: limit}, k) => {
+    const box = Object.assign(document.createElement("div"), {id: `axis-${k}`, className: "axis"});
+    box.innerHTML = '<div class="figures"><h2></h2> <span class="value"></span> <small></small></div><div class="close"></div><div class="whole"></div>';
+    at("axes").append(box);
+    box.querySelector("h2").textContent = `${name} (arcsec)`;
+    const close = newPlot(box.querySelector(".close"), true, limit), whole = newPlot(box.querySelector(".whole"), false, limit);
+    return {name, close, whole, draw(place) {
+      const span_s = (errors.whole.bins.at(-1)?.[0] - errors.whole.bins[0]?.[0]) * errors.whole.step_s || 0;
+      close.setData(curves(errors.close, place, SMOOTH_S));
+      whole.setData(curves(errors.whole, place, Math.max(SMOOTH_S, span_s / 50)));
+      showFigures(box, place, limit);
+    }};
+  });
+}
+
+// Mean and spread of the whole session so far, and the last error.
+function showFigures(box, place, limit) {
+  const offset = 2 + GROUP * place, axis = latest.axes.find((one) => one.name === errors.axes[place].name && (one.subject === "sensor") === (errors.subject === "own" || !errors.sends_own && one.subject === "sensor"));
+  let count = 0, sum = 0, squares = 0;
+  for (const bin of errors.whole.bins) {
+    count += bin[1]; sum += bin[1] * bin[offset]; squares += bin[1] * (bin[offset] ** 2 + bin[offset + 1] ** 2);
+  }
+  const mean = count ? sum / count : null, std = count ? Math.sqrt(Math.max(0, squares / count - mean * mean)) : null;
+  const last = axis?.last_arcsec ?? errors.close.bins.at(-1)?.[offset] ?? null, value = box.querySelector(".value");
+  value.textContent = angle(last, 1);
+  value.classList.toggle("stale", !latest.ended && latest.since_answer_s > STALE_AFTER_S);
+  value.classList.toggle("outside", Boolean(limit) && Math.abs(last) > limit);
+  const small = box.querySelector("small");
+  small.textContent = `${axis?.outside ? "OUTSIDE " : ""}mean ${angle(mean, 1)}, std ${number(std, 1)}${axis ? `, NEA ${number(axis.nea_arcsec, 1)}` : ""}${limit ? `, limit ${limit}` : ""}`;
+  small.classList.toggle("outside", Boolean(axis?.outside));
 }
 
 function showTurn(turn) {
@@ -175,7 +324,7 @@ function connect() {
     latest = JSON.parse(message.data);
     heardMs = performance.now();
     show(latest);
-    socket.send("next");
+    socket.send(request());
   };
   socket.onclose = () => {
     if (latest?.ended) {
@@ -221,7 +370,10 @@ function turn(theme) {
   history.replaceState(null, "", `#${[...themes].join(",")}`);
   applyThemes();
   fitWord();
+  if (errors.whole) { buildPlots(); plots.forEach((plot, k) => plot.draw(k)); }
 }
+for (const node of document.querySelectorAll("#plot-bar button"))
+  node.onclick = () => choose(node.dataset.view ?? errors.view, node.dataset.subject ?? errors.subject);
 at("red-theme").onclick = () => turn("red");
 at("large-theme").onclick = () => turn("large");
 at("tone").onclick = () => {

@@ -5,6 +5,7 @@ The thread of the page's server calls ``absorb`` and ``document`` a few times pe
 
 import math
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from gse.values.matrices import length, product
 from gse.values.mount import Mount
 from gse.values.panorama import Panorama
 from gse.values.site import Site
+from gse.view.error_trace import ErrorTraces
 from gse.view.glance_word import Facts, Phase, word_of
 from gse.view.live_state import ErrorsSoFar, LiveState
 from gse.view.verdict_text import clock_health
@@ -196,6 +198,7 @@ class Glance:
         self._station = live.station
         self._phase, self._verdict = Phase.RUNNING, ""
         self._reasons: tuple[str, ...] = ()
+        self._traces = live.add(ErrorTraces())
         self._so_far = live.so_far
         self._latest: FrameResult | None = None
         self._latest_mono_ns = 0
@@ -254,6 +257,10 @@ class Glance:
             **self._slow,
         }
 
+    def errors(self, request: Sequence[str]) -> dict[str, Any] | None:
+        """What a page asked for of the errors over time; None of another request."""
+        return self._traces.document(request, self._station.limits)
+
     def _stars(self) -> dict[str, Any]:
         """Named stars, those expected, the faintest magnitude; null of a sensor that sends no panoramas."""
         if self._latest is None:
@@ -287,7 +294,6 @@ class Glance:
             "nea_arcsec": _number(errors.nea, 1),
             "limit_arcsec": limit_arcsec,
             "outside": errors.mean_abs > limit_arcsec,
-            "recent": errors.recent.until(self._so_far.utc_ns, limit_arcsec),
         }
 
     def _facts(self, now: ClockReading) -> Facts:

@@ -33,43 +33,6 @@ from gse.view.glance_word import NO_ANSWER_S
 from gse.view.recent import EventLine, EventLines
 from protocols import StatusMessage
 
-# The errors of the last ten minutes in short stretches, for small pictures.
-
-STRETCHES = 120
-STRETCH_NS = 5_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class RecentErrors:
-    """Smallest and largest value of each stretch of five seconds, over ten minutes; a stretch without one is a gap."""
-
-    _stretches: tuple[tuple[int, float, float], ...] = ()
-
-    def with_errors(self, utc_ns: NDArray[np.int64], values: NDArray[np.float64]) -> "RecentErrors":
-        """These and later ones (N,); one from before the latest stretch, after a step of the clock, begins anew."""
-        stretches = list(self._stretches)
-        for number, value in zip((utc_ns // STRETCH_NS).tolist(), values.tolist(), strict=True):
-            if stretches and stretches[-1][0] == number:
-                _, low, high = stretches[-1]
-                stretches[-1] = number, min(low, value), max(high, value)
-                continue
-            if stretches and number < stretches[-1][0]:
-                stretches.clear()
-            stretches.append((number, value, value))
-        return RecentErrors(tuple(stretches[-STRETCHES:]))
-
-    def until(self, utc_ns: int, limit: float) -> list[list[float] | None]:
-        """Pairs of smallest and largest value up to an instant, oldest first, in shares of ``limit``."""
-        last = utc_ns // STRETCH_NS
-        found = {number: [_share(low, limit), _share(high, limit)] for number, low, high in self._stretches}
-        return [found.get(number) for number in range(last - STRETCHES + 1, last + 1)]
-
-
-def _share(value: float, limit: float) -> float:
-    """To two decimals, and within twice the limit: a picture shows no more."""
-    return round(math.copysign(min(abs(value / limit), 2.0), value), 2)
-
-
 LINK_WORDS: dict[str, str] = {
     LinkKind.NO_PORT: "no port",
     LinkKind.LOST: "no port",
@@ -146,19 +109,18 @@ _IDENTIFIED = STATUSES.index(Status.IDENTIFIED)
 
 @dataclass(frozen=True, slots=True)
 class ErrorsSoFar:
-    """The errors along one axis so far, in arcsec: mean, mean of the absolute, and those of the last ten minutes."""
+    """The errors along one axis so far, in arcsec: number, mean, mean of the absolute, the last one."""
 
     n: int = 0
     mean: float = 0.0
     mean_abs: float = 0.0
     last: float = math.nan
-    recent: RecentErrors = field(default_factory=RecentErrors)
     _m2: float = 0.0
     _steps: int = 0
     _steps_squared: float = 0.0
 
-    def with_errors(self, utc_ns: NDArray[np.int64], arcsec: NDArray[np.float64]) -> "ErrorsSoFar":
-        """These and later ones (N,) at their instants (N,), of which there may be none."""
+    def with_errors(self, arcsec: NDArray[np.float64]) -> "ErrorsSoFar":
+        """These and later ones (N,), of which there may be none."""
         if not len(arcsec):
             return self
         mean = float(arcsec.mean())
@@ -170,7 +132,6 @@ class ErrorsSoFar:
             self.mean + share * step,
             self.mean_abs + share * (float(np.abs(arcsec).mean()) - self.mean_abs),
             float(arcsec[-1]),
-            self.recent.with_errors(utc_ns, arcsec),
             self._m2 + (float(((arcsec - mean) ** 2).sum()) + step * step * (1 - share) * len(arcsec)),
             self._steps + len(steps),
             self._steps_squared + float((steps**2).sum()),
@@ -273,8 +234,8 @@ class SessionSoFar:
             frames=self.frames + len(rows),
             by_status=self.by_status + statuses,
             false_answers=self.false_answers + int(np.count_nonzero(rows["answer_check"] == _FALSE)),
-            d_ra=self.d_ra.with_errors(compared["utc_ns"], d_ra),
-            d_de=self.d_de.with_errors(compared["utc_ns"], d_de),
+            d_ra=self.d_ra.with_errors(d_ra),
+            d_de=self.d_de.with_errors(d_de),
             inside=self.inside + int(np.count_nonzero(inside)),
             last=AttitudeError(*(float(compared[name][-1]) for name in ERRORS)) if len(compared) else self.last,
             latest=latest,
@@ -302,8 +263,8 @@ class SessionSoFar:
         d_ra, d_de = _axes_arcsec(known)
         return replace(
             self,
-            own_d_ra=self.own_d_ra.with_errors(known["utc_ns"], d_ra),
-            own_d_de=self.own_d_de.with_errors(known["utc_ns"], d_de),
+            own_d_ra=self.own_d_ra.with_errors(d_ra),
+            own_d_de=self.own_d_de.with_errors(d_de),
         )
 
     def with_event(self, event: LinkEvent) -> Self:

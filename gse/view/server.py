@@ -22,7 +22,7 @@ import socket
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -162,7 +162,7 @@ class Serving(Protocol):
 
     def join(self, browser: WebSocketHandler) -> None: ...
 
-    def ask(self, browser: WebSocketHandler) -> None: ...
+    def ask(self, browser: WebSocketHandler, errors: Sequence[str]) -> None: ...
 
     def leave(self, browser: WebSocketHandler) -> None: ...
 
@@ -283,7 +283,7 @@ class _OwnFile(_Page):
             text = jinja2.Template(text).render(
                 # In the page itself: a phone waits for one answer of the server instead of three.
                 style=_own_text("glance.css"),
-                script=_own_text("glance.js"),
+                script=_glance_script(),
                 fed=json.dumps(self.server.content.piece_after is not None),
                 live=json.dumps(self.server.content.glance is not None),
                 verdict=json.dumps(self.server.content.verdict),
@@ -298,9 +298,15 @@ def _own_text(name: str) -> str:
 
 
 @functools.cache
+def _glance_script() -> str:
+    """The script of the glance page, after the library that draws its plots."""
+    return _own_text("uplot.js") + _own_text("glance.js")
+
+
+@functools.cache
 def _glance_script_hash() -> str:
     """What a Content-Security-Policy calls the script in the glance page: no other script in a page runs."""
-    script = "\n" + _own_text("glance.js")  # the template begins a line after the tag
+    script = "\n" + _glance_script()  # the template begins a line after the tag
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
@@ -365,10 +371,10 @@ class _Live(_Page, WebSocketHandler):
             return
         self.server.join(self)
         self.set_nodelay(True)
-        self.server.ask(self)
+        self.server.ask(self, ())
 
     def on_message(self, message: str | bytes) -> None:
-        self.server.ask(self)
+        self.server.ask(self, str(message).split()[1:])
 
     def on_close(self) -> None:
         self.server.leave(self)
@@ -475,7 +481,7 @@ class ViewServer:
         self._sockets = _listen(bind, port, usual_port)
         self.port: int = self._sockets[0].getsockname()[1]
         self.url = f"http://{reachable_name(bind)}:{self.port}/"
-        self._waiting: set[WebSocketHandler] = set()
+        self._waiting: dict[WebSocketHandler, Sequence[str]] = {}
         self._browsers: dict[WebSocketHandler, float] = {}
         """With the time (monotonic) at which each was last heard."""
         self._told: set[WebSocketHandler] = set()
@@ -499,17 +505,23 @@ class ViewServer:
             silent.close(1013, "too many browsers")
         self._browsers[browser] = time.monotonic()
 
-    def ask(self, browser: WebSocketHandler) -> None:
-        """Take a browser's request for the next document; it has shown the one before."""
+    def ask(self, browser: WebSocketHandler, errors: Sequence[str]) -> None:
+        """Take a browser's request for the next document, with some of the ``errors`` over time; it has shown the one
+        before.
+        """
         if browser not in self._browsers:  # left for another one
             return
         self._browsers[browser] = time.monotonic()
-        (self._done if browser in self._told else self._waiting).add(browser)
+        if browser in self._told:
+            self._done.add(browser)
+        else:
+            self._waiting[browser] = errors
 
     def leave(self, browser: WebSocketHandler) -> None:
         """The browser has gone."""
         self._browsers.pop(browser, None)
-        for browsers in (self._waiting, self._told, self._done):
+        self._waiting.pop(browser, None)
+        for browsers in (self._told, self._done):
             browsers.discard(browser)
 
     def close(self) -> None:
@@ -570,11 +582,13 @@ class ViewServer:
         ended = glance.has_ended
         glance.absorb(now)
         if self._waiting:
-            text = json.dumps(glance.document(now))
-            for browser in self._waiting:
-                self._send(browser, text)
+            document = glance.document(now)
+            text = json.dumps(document)
+            for browser, request in self._waiting.items():
+                errors = glance.errors(request) if request else None
+                self._send(browser, json.dumps({**document, "errors": errors}) if errors else text)
             if ended:
-                self._told |= self._waiting
+                self._told |= set(self._waiting)
             self._waiting.clear()
         if ended and not self._show_it_soon():
             self._shown.set()

@@ -17,6 +17,8 @@ from PIL import Image
 from skies.one_by_one import results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
+from drivers.chunk import LinkEvent
+from gse.station.events import StationKind
 from gse.station.notes import Notes
 from gse.view.drawing import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.view.glance import Glance
@@ -164,4 +166,30 @@ def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request
         laid_out = seen.page.evaluate(f"{before_data}.filter((node) => node.offsetHeight).map((node) => node.id)")
         assert laid_out == ["head"], "the first paint waits for one word"
         assert {url for url in seen.requests if url.startswith("http")} == {server.url}
+        assert seen.errors == []
+
+
+def test_a_bias_of_a_quarter_of_the_limit_is_far_from_zero_and_other_axes_are_one_click_away(visit: Visits) -> None:
+    session = synthetic_night(20)
+    limit = session.station.limits.d_ra_cosde_arcsec
+    live = LiveState(session.station)
+    glance = Glance(live)
+    for frame in synthetic_frames(200, trouble=False, bias_arcsec=(limit / 4, 0.0)):
+        live.on_results(results_of([frame]), session)
+    live.on_event(LinkEvent(frame.panorama.utc_ns - 10**10, 0, StationKind.NOTE, "clouds from the west"))
+    with ViewServer("127.0.0.1", 0, Content(glance=glance)) as server, visit() as seen:
+        seen.page.set_viewport_size({"width": 1280, "height": 720})
+        seen.page.goto(server.url)
+        seen.page.wait_for_selector("#axis-1")
+        share = "(u.valToPos(0, 'y') - u.valToPos(15, 'y')) / u.over.clientHeight"
+        for which in ("close", "whole"):
+            assert seen.page.evaluate(f"(() => {{ const u = plots[0].{which}; return {share}; }})()") > 0.4
+        assert seen.page.evaluate("plots[0].close.data[5].at(-1)") == pytest.approx(15, abs=3)
+        assert seen.page.evaluate("document.getElementById('plots').clientHeight") >= 360
+        assert seen.page.evaluate("errors.marks.map((mark) => mark[3])") == ["clouds from the west"]
+        seen.page.click("[data-view=roll]")
+        seen.page.wait_for_selector("#axis-0 h2:has-text('roll (arcsec)')")
+        assert seen.page.query_selector("#axis-1") is None
+        seen.page.click("[data-view=across]")
+        seen.page.wait_for_selector("#axis-1 h2:has-text('y (arcsec)')")
         assert seen.errors == []

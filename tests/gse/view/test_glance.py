@@ -27,7 +27,7 @@ from gse.values.panorama import Panorama
 from gse.view.blueprint import _reach
 from gse.view.glance import Glance, NextDawn, focus_of, mount_turn, next_dawn_ns
 from gse.view.glance_word import Facts, Level, Phase, word_of
-from gse.view.live_state import STRETCH_NS, STRETCHES, LiveState, RecentErrors
+from gse.view.live_state import LiveState
 from gse.view.recent import EventLines
 
 ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answered=True)
@@ -244,21 +244,6 @@ def test_the_page_gets_angles_and_the_directions_of_positive_ones() -> None:
     document = turn.document()
     assert (document["up_deg"], document["up"]) == (pytest.approx(1.0, abs=1e-4), "up")
     assert document["text"] == str(turn)
-
-
-@pytest.mark.parametrize("parts", [1, 3, 6])
-def test_ten_minutes_of_errors_keep_their_extremes_and_their_gaps(parts: int) -> None:
-    seconds, errors = np.array([0, 1, 2, 20, 3000, 3600]), np.array([6.0, -12.0, 3.0, 90.0, 1.0, 30.0])
-    recent = RecentErrors()
-    for part in np.array_split(np.arange(6), parts):
-        recent = recent.with_errors(seconds[part] * NS_PER_S, errors[part])
-    shown = recent.until(3600 * NS_PER_S, 60.0)
-    assert len(shown) == STRETCHES
-    assert shown[-1] == [0.5, 0.5]
-    assert shown[0] is None
-    assert shown.count(None) == STRETCHES - 1
-    early = recent.until(4 * STRETCH_NS, 60.0)
-    assert early[-5:] == [[-0.2, 0.1], None, None, None, [1.5, 1.5]]
 
 
 def test_the_histogram_counts_every_object() -> None:

@@ -49,6 +49,7 @@ def watched(tmp_path_factory):
     feed.close()
     glance.absorb(ClockReading(0, 0, "kernel PLL", True, 0.0, 0.01))
     document = glance.document(ClockReading(0, 0, "kernel PLL", True, 0.0, 0.01))
+    document["errors"] = glance.errors(("sky", "own", "0", "0", "0", "0"))
     return session, np.concatenate(taken.parts), rows_of(path), document
 
 
@@ -94,4 +95,6 @@ def test_the_glance_page_has_axes_of_both_subjects(watched):
     assert set(axes) == {(subject, name) for subject in ("onboard", "sensor") for name in ("dRA*", "dDE")}
     mean = np.nanmean(sensor_answers(session).d_de_arcsec)
     assert abs(axes["sensor", "dDE"]["mean_arcsec"] - mean) < 1.0
-    assert any(axes["sensor", "dRA*"]["recent"])
+    assert document["errors"]["subject"] == "own"
+    bins = np.array(document["errors"]["whole"]["bins"], float)
+    assert abs(np.average(bins[:, 6], weights=bins[:, 1]) - mean) < 1.0
