@@ -36,22 +36,31 @@ def layout(
     """
     ranges = _time_ranges(window_s)
     axis = rrb.TimeAxis(view_range=_time_range(window_s))
+    whole = rrb.TimeAxis(view_range=_time_range(None))
+    limits = station.limits
+    errors = rrb.Vertical(
+        _close_view("d_ra", f"dRA* (arcsec), limit {limits.d_ra_cosde_arcsec:g}", axis, own=own),
+        _limit_view("d_ra", "dRA*, whole session", limits.d_ra_cosde_arcsec, whole),
+        _close_view("d_de", f"dDE (arcsec), limit {limits.d_de_arcsec:g}", axis, own=own),
+        _limit_view("d_de", "dDE, whole session", limits.d_de_arcsec, whole),
+        row_shares=[3, 1.5, 3, 1.5],
+        name="RA, DE",
+    )
     graphs = rrb.Vertical(
-        _error_view("d_ra", "dRA* (arcsec)", station.limits.d_ra_cosde_arcsec, axis, own=own),
-        _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis, own=own),
         rrb.Tabs(
-            _graph("/stars", "Sky (stars, mag)", axis),
-            _graph("/cross", "Cross x, y (arcsec)", axis),
+            errors,
+            _graph("/cross", "Across x, y (arcsec)", axis),
             _graph("/roll", "Roll (arcsec)", axis, "/sensor/roll"),
         ),
         rrb.Tabs(
+            _graph("/stars", "Sky (stars, mag)", axis),
             _graph("/identification_ms", _time_title(station), axis, "/sensor/latency_ms"),
             _graph("/clock", "Clock (ms)", axis),
             _graph("/temperature_c", "Detector (degC)", axis),
             *(_graph(f"/{path}", _title(path), axis) for path in GRAPHS if path not in _PLACED),
         ),
         rrb.StateTimelineView(origin="/state", name="Link, sky, verdict", time_view=axis),
-        row_shares=[2.8, 2.8, 2.1, 2.0, 3.8],
+        row_shares=[7.5, 2.2, 2.8],
     )
     pictures = rrb.Vertical(
         rrb.Tabs(_panorama_view(station), rrb.TextDocumentView(origin="/metrics", name="Metrics")),
@@ -64,7 +73,7 @@ def layout(
         row_shares=[3, 2],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(graphs, pictures, words, column_shares=[4, 3.8, 2.8]),
+        rrb.Horizontal(graphs, pictures, words, column_shares=[5.4, 3.2, 2.2]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="collapsed"),
@@ -88,11 +97,22 @@ def _time_ranges(window_s: float | None) -> rrb.VisibleTimeRanges:
     return rrb.VisibleTimeRanges(timeline=TIMELINE, start=wanted.start, end=wanted.end)
 
 
-def _error_view(path: str, name: str, limit: float, axis: rrb.TimeAxis, *, own: bool) -> rrb.TimeSeriesView:
+def _close_view(path: str, name: str, axis: rrb.TimeAxis, *, own: bool) -> rrb.TimeSeriesView:
+    """The errors with running mean and band, on an axis that follows them."""
+    return rrb.TimeSeriesView(
+        origin=f"/near/{path}",
+        contents=["$origin/**"],
+        name=f"{name}{'; orange: the sensor itself' if own else ''}",
+        axis_x=axis,
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=False),
+    )
+
+
+def _limit_view(path: str, name: str, limit: float, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"/{path}",
         contents=["$origin/**", f"/sensor/{path}"],
-        name=f"{name}, limit {limit:g}{'; orange: the sensor itself' if own else ''}",
+        name=name,
         axis_x=axis,
         axis_y=rrb.ScalarAxis(range=(-_reach(limit), _reach(limit))),
         plot_legend=rrb.PlotLegend(visible=False),

@@ -35,9 +35,12 @@ from gse.view.live_state import (
 from gse.view.picture import Picture
 from gse.view.recent import EventLines, NextPiece, Recent
 from gse.view.series import (
+    MEAN_S,
     OUTAGE_NS,
     begin_series,
+    near_rows,
     send_clock,
+    send_near,
     send_outages,
     send_own_answers,
     send_series,
@@ -100,6 +103,8 @@ class Scene:
         self._laid_out = 0
         self._frames = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
         self._own = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
+        self._near = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
+        self._tail: NDArray[np.void] | None = None
         self._outages = Recent[NDArray[np.int64]](_MOST_RECENT, LIVE_WINDOW_S)
         self._clock = Recent[ClockReading](_MOST_RECENT, LIVE_WINDOW_S)
         self._states = Recent[tuple[str, int, str]](_STATES_AGAIN, math.inf)
@@ -176,7 +181,7 @@ class Scene:
             return
         if self._live:
             self._own.add(self._next(), int(errors["utc_ns"][-1]), errors.copy())
-        send_own_answers(self._stream, errors)
+        send_own_answers(self._stream, errors, self._station.limits)
 
     def piece_after(self, place: str) -> NextPiece:
         """What came after a place, of the last ten minutes at most: all of it for a place of no such recording.
@@ -215,10 +220,12 @@ class Scene:
             send_series(stream, columns, self._station.limits)
             send_sky(stream, columns, self._picture.camera)
             send_scatter(stream, columns, self._station.limits, (self.so_far.d_ra, self.so_far.d_de))
+        if near := self._near.after(after):
+            send_near(stream, np.concatenate(near))
         if outages := self._outages.after(after):
             send_outages(stream, np.concatenate(outages), self._station.limits)
         if own := self._own.after(after):
-            send_own_answers(stream, np.concatenate(own))
+            send_own_answers(stream, np.concatenate(own), self._station.limits)
         if readings := self._clock.after(after):
             send_clock(stream, readings)
 
@@ -232,10 +239,21 @@ class Scene:
         if self._live:
             self._frames.add(self._next(), int(columns["utc_ns"][-1]), columns.copy())
         send_series(self._stream, columns, self._station.limits)
+        self._send_near(columns)
         self._track.append(columns)
         # A host clock that was set back must not hold the track up.
         if abs(int(columns["utc_ns"][-1]) - int(self._track[0]["utc_ns"][0])) >= TRACK_ROW_NS:
             self.flush()
+
+    def _send_near(self, columns: NDArray[np.void]) -> None:
+        """Send the errors with their running mean, for which the last frames before these are kept."""
+        after_gap = self._tail is None or int(columns["utc_ns"][0]) < int(self._tail["utc_ns"][-1])
+        joined = columns if self._tail is None or after_gap else np.concatenate([self._tail, columns])
+        rows = near_rows(joined, self._station.limits, len(columns))
+        self._tail = joined[joined["utc_ns"] > joined["utc_ns"][-1] - round(MEAN_S * NS_PER_S)].copy()
+        if self._live:
+            self._near.add(self._next(), int(columns["utc_ns"][-1]), rows)
+        send_near(self._stream, rows)
 
     def _break_lines(self, utc_ns: NDArray[np.int64]) -> None:
         """Leave a gap in the series where no frames came, before these frames or among them."""

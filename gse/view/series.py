@@ -11,7 +11,7 @@ from gse.station.columns import COLUMNS, Column, unit_of
 from gse.values.axis import D_DE, D_RA_COSDE, D_ROLL
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
-from gse.view.drawing import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
+from gse.view.drawing import BLUE, GREEN, GREY, ORANGE, PALE, PINK, SKY_BLUE, VERMILLION, YELLOW
 
 TIMELINE = "utc"
 EDGE = 1.4
@@ -22,6 +22,9 @@ OUTAGE_NS = 3 * NS_PER_S
 
 _PATHS = {"d_ra": D_RA_COSDE, "d_de": D_DE}
 """The series that have a limit."""
+
+NEAR = np.dtype([("utc_ns", "i8"), *((path, "f8", 4) for path in _PATHS)])
+"""Of a frame the error where it is within its limit, running mean, and mean less and plus a standard deviation."""
 
 OWN_PATHS = {
     "/sensor/d_ra": D_RA_COSDE.column,
@@ -49,6 +52,10 @@ _DECIMALS = 3
 """Milliarcseconds, microseconds: rerun's tooltips print every digit there is."""
 
 
+MEAN_S = 20.0
+"""The window of the running mean: longer than the noise of a star, shorter than what happens to a mount."""
+
+
 def times(utc_ns: Sequence[int] | NDArray[np.int64]) -> rr.TimeColumn:
     """The time column of instants in UTC nanoseconds."""
     return rr.TimeColumn(TIMELINE, timestamp=np.asarray(utc_ns, dtype=np.int64).astype("datetime64[ns]"))
@@ -60,19 +67,57 @@ def begin_series(stream: rr.RecordingStream) -> None:
         _lines(stream, f"/{path}/value", ["value", "limit", "limit"], [SKY_BLUE, VERMILLION, VERMILLION])
         points = rr.SeriesPoints(colors=[VERMILLION], markers=["cross"], names=["outside limit"], marker_sizes=[5.0])
         stream.log(f"/{path}/outside", points, static=True)
+        names = ["error", "mean of 20 s", "- sigma", "+ sigma"]
+        _lines(stream, f"/near/{path}", names, [PALE, SKY_BLUE, BLUE, BLUE], [1.0, 3.0, 1.0, 1.0])
     for path, columns in GRAPHS.items():
         colours = list(_COLOURS.get(path, _OTHER_COLOURS))[: len(columns)]
         _lines(stream, f"/{path}", [column.line or column.name for column in columns], colours)
-    for path in ("/sensor/d_ra", "/sensor/d_de"):
+    for path in ("/sensor/d_ra", "/sensor/d_de", "/near/d_ra/own", "/near/d_de/own"):
         _lines(stream, path, ["sensor's own"], [ORANGE])
     _lines(stream, "/sensor/roll", ["sensor's own"], [YELLOW])
     _lines(stream, "/sensor/latency_ms", ["sensor's own"], [ORANGE])
     _lines(stream, "/clock", ["offset", "+ error bound", "- error bound"], [BLUE, GREY, GREY])
 
 
-def _lines(stream: rr.RecordingStream, path: str, names: list[str], colours: list[tuple[int, int, int]]) -> None:
-    lines = rr.SeriesLines(names=names, colors=colours, widths=[1.5] * len(names), aggregation_policy="MinMax")
+def _lines(
+    stream: rr.RecordingStream,
+    path: str,
+    names: list[str],
+    colours: list[tuple[int, int, int]],
+    widths: Sequence[float] = (),
+) -> None:
+    widths = widths or [1.5] * len(names)
+    lines = rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy="MinMax")
     stream.log(path, lines, static=True)
+
+
+def near_rows(columns: NDArray[np.void], limits: Limits, latest: int | None = None) -> NDArray[np.void]:
+    """Rows of NEAR of the ``latest`` frames, or of all; the mean is of errors cut at EDGE limits."""
+    rows = np.zeros(len(columns), NEAR)
+    rows["utc_ns"] = columns["utc_ns"]
+    begin_ns = np.maximum.accumulate(columns["utc_ns"]) - round(MEAN_S * NS_PER_S)
+    begins = np.searchsorted(np.maximum.accumulate(columns["utc_ns"]), begin_ns, "right")
+    for path, axis in _PATHS.items():
+        edge = EDGE * limits.of(axis)
+        errors = np.clip(columns[axis.column].astype(np.float64), -edge, edge)
+        known = np.isfinite(errors)
+        sums = [
+            np.append(0.0, np.cumsum(part))
+            for part in (known, np.where(known, errors, 0), np.where(known, errors**2, 0))
+        ]
+        count, total, squares = (one[1:] - one[begins] for one in sums)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(known, total / count, np.nan)
+            sigma = np.sqrt(np.maximum(squares / count - mean**2, 0))
+        near = np.where(np.abs(errors) <= limits.of(axis), errors, np.nan)  # one far off would flatten all others
+        rows[path] = np.column_stack([near, mean, mean - sigma, mean + sigma])
+    return rows if latest is None else rows[len(rows) - latest :]
+
+
+def send_near(stream: rr.RecordingStream, rows: NDArray[np.void]) -> None:
+    """The errors close up, with running mean and band, rows of NEAR."""
+    for path in _PATHS:
+        _send(stream, f"/near/{path}", times(rows["utc_ns"]), rows[path])
 
 
 def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits) -> None:
@@ -92,7 +137,7 @@ def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: L
         _send(stream, f"/{path}", at, _stacked(columns, *(column.name for column in drawn)) / scale)
 
 
-def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void]) -> None:
+def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void], limits: Limits) -> None:
     """The series of the sensor's own answers, rows of OWN_ERROR; a gap where it has none, or was silent."""
     utc_ns = errors["utc_ns"]
     silent = np.flatnonzero(np.diff(utc_ns) > OUTAGE_NS)
@@ -100,6 +145,10 @@ def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void]) -> No
         _send(stream, path, times(utc_ns), _stacked(errors, name))
         if len(silent):
             _send(stream, path, times(utc_ns[silent] + 1), np.full((len(silent), 1), np.nan))
+    for path, axis in _PATHS.items():
+        values = _stacked(errors, axis.column)
+        near = np.where(np.abs(values) <= limits.of(axis), values, np.nan)
+        _send(stream, f"/near/{path}/own", times(utc_ns), near)
 
 
 def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: Limits) -> None:
@@ -108,6 +157,7 @@ def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: 
     for path, axis in _PATHS.items():
         bounds = np.full((len(utc_ns), 2), limits.of(axis)) * (1, -1)
         _send(stream, f"/{path}/value", at, np.column_stack([nothing, bounds]))
+        _send(stream, f"/near/{path}", at, np.repeat(nothing, 4, axis=1))
     for path, drawn in GRAPHS.items():
         _send(stream, f"/{path}", at, np.repeat(nothing, len(drawn), axis=1))
 

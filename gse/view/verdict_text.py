@@ -4,10 +4,7 @@ import math
 
 from drivers.clock import ClockReading
 from gse.station.housekeeping import in_words
-from gse.view.glance_word import bare_verdict
 from gse.view.live_state import ErrorsSoFar, SessionSoFar
-
-_MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 
 
 def verdict_so_far(so_far: SessionSoFar, *, dropped: int = 0) -> str:
@@ -47,9 +44,7 @@ def verdict_so_far(so_far: SessionSoFar, *, dropped: int = 0) -> str:
 def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
     """Markdown of the verdict as a report prints it, its reasons, and the last statistics."""
     body = so_far.split("\n", 1)[1] if "\n" in so_far else so_far
-    return "\n".join(
-        [f"# {_MARKS.get(bare_verdict(verdict), '')} {verdict}", *(f"- {reason}" for reason in reasons), "", body]
-    )
+    return "\n".join([f"# {verdict}", *(f"- {reason}" for reason in reasons), "", body])
 
 
 def headline(so_far: SessionSoFar) -> str:

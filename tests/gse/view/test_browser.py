@@ -68,9 +68,9 @@ def pixels_near(picture: np.ndarray, colour: tuple[int, int, int], box: tuple[fl
     return int((np.abs(part - colour).sum(axis=2) < 60).sum())
 
 
-GRAPHS = (0.0, 0.0, 0.375, 0.45)
-PANORAMA = (0.38, 0.03, 0.735, 0.58)
-SCATTER = (0.38, 0.6, 0.555, 0.97)
+GRAPHS = (0.0, 0.0, 0.5, 0.6)
+PANORAMA = (0.505, 0.03, 0.79, 0.58)
+SCATTER = (0.505, 0.6, 0.645, 0.97)
 DRAWN = {
     "the lines of dRA* and dDE": (SKY_BLUE, GRAPHS, 150),
     "the limits": (VERMILLION, GRAPHS, 150),
