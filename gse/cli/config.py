@@ -136,7 +136,10 @@ def init(path: Path, *, yes: bool, **given: Any) -> None:
     """
     if path.exists():
         raise ConfigError(f"{path} exists already; choose another name")
-    text = draft_text(unasked(given) if yes or not sys.stdin.isatty() else asked(given))
+    draft = unasked(given) if yes or not sys.stdin.isatty() else asked(given)
+    if draft.protocol not in built_in_names():
+        load_protocol(str(path.parent / draft.protocol))
+    text = draft_text(draft)
     try:
         with new_file(path) as file:
             file.write(text.encode())

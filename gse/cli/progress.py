@@ -14,6 +14,7 @@ from drivers.session_file.records import RX
 from gse.cli.options import say
 from gse.config.choice import StationText
 from gse.sessions.replay import Replay, ReplayOptions, replay_session
+from gse.sessions.status_file import is_being_recorded
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.session_data import SessionData
@@ -115,6 +116,8 @@ def judged_with_progress(
     def derive() -> Replay:
         return replay_with_progress(path, options=options, station=station)
 
+    if is_being_recorded(path):
+        say(f"{path} is being recorded: this covers what there is so far")
     if options not in (None, ReplayOptions()):
         replay = derive()
         return Judged(replay.session, judge(replay.session), replay.own_elapsed_us)

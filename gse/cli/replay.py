@@ -97,7 +97,7 @@ def command(
             tell=say,
         )
         live_outputs.enter_judging()
-        folder = _new_folder(out, replay)
+        folder = _new_folder(out, replay, options.anchor_utc_ns if options.start_utc else 0)
         assessment = judge_as_stated(replay.session, clock_error_s, excluded)
         report = conclude(replay.session, assessment, folder, replay.own_elapsed_us, plots=plots)
         live_outputs.conclude(report)
@@ -106,9 +106,11 @@ def command(
     ctx.exit(say_exit_code(applied(report, folder, data_lost=DAMAGED if replay.session.truncated else "")))
 
 
-def _new_folder(out: Path, replay: "Replay") -> Path:
+def _new_folder(out: Path, replay: "Replay", start_ns: int) -> Path:
+    """A new folder with the UTC of the first frame, or of the beginning where none came."""
     from gse.sessions.live import new_session_folder
 
-    frames = replay.session.frames.columns
-    first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
-    return new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
+    session = replay.session
+    frames = session.frames.columns
+    began_ns = int(frames["utc_ns"][0]) if len(frames) else next((event.utc_ns for event in session.events), start_ns)
+    return new_session_folder(out, f"{session.station.sensor.name}-replay", began_ns or None)

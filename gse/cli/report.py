@@ -34,7 +34,6 @@ from gse.cli.options import (
 from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.process.terminal import working
-from gse.sessions.status_file import read_status
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict
 from gse.truth.iers_tables import GivenTables
@@ -163,7 +162,6 @@ def _report_one(path: Path, judging: _Judging, output: _Output, printed: Printed
     from gse.report.printing import find_browser, print_to_pdf, save_picture
 
     browser = find_browser() if output.pdf or output.screenshot else None
-    _say_if_running(path)
     judged = judging.judged(path)
     folder = _new_folder(output.out, path)
     with working("drawing the report"):
@@ -212,19 +210,10 @@ def _verify(path: Path, judging: _Judging, page: Path) -> int:
     from gse.report.verification import Answer, read_page, verify
 
     written = read_page(page)
-    _say_if_running(path)
     judged = judging.judged(path, anew=True)
     found = verify(written, judged.session, judged.assessment)
     click.echo(f"the report {found.answer.value}\n  {found.detail}")
     return 0 if found.answer is Answer.UNCHANGED else 1
-
-
-def _say_if_running(path: Path) -> None:
-    from gse.sessions.status_file import is_running
-
-    status = read_status(path if path.is_dir() else path.parent)
-    if status is not None and is_running(status):
-        click.echo(f"the session still runs: this report covers the data recorded so far in {path}", err=True)
 
 
 def _new_folder(out: Path | None, session: Path) -> Path:

@@ -176,9 +176,10 @@ class Operator:
     screen_news: Callable[[], list[Shown]] = list
 
 
-def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
-    """A new folder <UTC>-<sensor>/ under ``out``, with a number if the name is taken."""
-    stem = instant.to_text(utc_ns, 0).replace(":", "").replace("-", "") + "-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
+def new_session_folder(out: Path, name: str, utc_ns: int | None) -> Path:
+    """A new folder <UTC>-<sensor>/ under ``out``, numbered if the name is taken; without an unknown UTC."""
+    begun = "" if utc_ns is None else instant.to_text(utc_ns, 0).replace(":", "").replace("-", "") + "-"
+    stem = begun + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
     for number in range(1, 10_000):
         folder = out / (stem if number == 1 else f"{stem}-{number}")
         try:

@@ -27,6 +27,7 @@ from gse.recording.session_format import (
     read_recorded,
 )
 from gse.sessions.sealed_station import names_program, sealed, unsealed
+from gse.sessions.status_file import is_being_recorded
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
@@ -35,6 +36,7 @@ from gse.station.setup import no_words, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
+from protocols import Frame, FrameDecoder, load_protocol
 
 FIRST_WITHIN_S = 1.0
 MOST_THREADS = 2
@@ -107,6 +109,7 @@ def replay_session(
         raise CaptureError(f"{path} is empty: nothing was recorded in it")
     recorded = read_recorded(path) if is_session(path) else None
     if recorded is None and options.start_utc is None:
+        _check_has_frame(path, station)
         raise UsageError(
             f"{path} is not a session; expected a session.mcap, or a raw serial capture with the UTC of its first "
             "panorama, for example --start-utc 2026-03-20T18:30:00Z"
@@ -119,9 +122,33 @@ def replay_session(
         loop.session.frames.use_disk()
         loop.listeners = make_listeners(loop, None)
         session = loop.run(link, first, stop=stop, each=each)
-    if recorded is not None:
-        session.truncated = recorded.damaged
+    if recorded is None and session.link.bytes_in == session.link.bytes_discarded:
+        raise _no_frame(path, session.protocol_name)
+    if recorded is not None and recorded.damaged:
+        session.growing = is_being_recorded(path)
+        session.truncated = not session.growing
     return Replay(session, loop.own_elapsed_us)
+
+
+_LOOKED_AT_BYTES = 1 << 20
+"""A frame within the first MiB, or none: somebody's photograph need not be decoded to its end."""
+
+
+def _check_has_frame(path: Path, change: Callable[[StationText], StationText]) -> None:
+    """UsageError where the beginning of a capture holds no frame: then its UTC is not what is missing."""
+    protocol = load_protocol(station_in_force({}, change).station.protocol)
+    decoder = FrameDecoder(protocol, from_sensor=True)
+    with path.open("rb") as file:
+        pieces = [*decoder.feed(file.read(_LOOKED_AT_BYTES)), *decoder.finish()]
+    if not any(isinstance(piece, Frame) for piece in pieces):
+        raise _no_frame(path, protocol.name)
+
+
+def _no_frame(path: Path, protocol: str) -> UsageError:
+    size = path.stat().st_size
+    return UsageError(
+        f"{path}: {size:,} bytes, no valid frame of {protocol}; find the protocol: gse decode --try {path}"
+    )
 
 
 _CAPTURED = Port(url="replay://")

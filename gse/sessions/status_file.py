@@ -221,6 +221,12 @@ def is_running(status: dict[str, Any], *, has_marks: bool | None = None) -> bool
     return bool(process_mark(status["pid"]) == status["process"])
 
 
+def is_being_recorded(path: Path) -> bool:
+    """Whether a process records the session at a path, a file or its folder."""
+    status = read_status(path if path.is_dir() else path.parent)
+    return status is not None and is_running(status)
+
+
 def _age_s(status: dict[str, Any]) -> float:
     try:
         return (read_clock().utc_ns - instant.from_text(str(status["utc"]))) / instant.NS_PER_S

@@ -28,7 +28,8 @@ class SessionData:
     frames); ``raw_sha256`` is the hash of all received bytes; ``catalog`` describes the mission catalogue in use;
     ``versions`` the packages that numbers depend on. ``events_not_kept`` are those of a flood, which are only counted.
     ``others_lost`` of the lost frames of the link were certainly no panoramas.
-    A ``truncated`` session lost its end. ``stars`` are those of the mission catalogue: matches name its rows.
+    A ``truncated`` session lost its end; a ``growing`` one is still being recorded. ``stars`` are those of the mission
+    catalogue: matches name its rows.
     ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
     error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
     ``shown`` is what a screen showed, by its events SHOWN.
@@ -52,6 +53,7 @@ class SessionData:
     versions: dict[str, str] = field(default_factory=dict)
     stars: ListedStars | None = None
     truncated: bool = False
+    growing: bool = False
     earth_orientation: EarthOrientation | None = None
     alignment: Alignment | None = None
     clock_error_s: float | None = None

@@ -45,7 +45,8 @@ class Assessment:
     """The verdict, a line per reason, the rows it was made from, and what the errors look like.
 
     ``relative`` where the mount was fitted on the same sky: then absolute pointing, site and clock were not tested.
-    ``damaged`` where a part of the session file is missing: what that part showed is unknown.
+    ``damaged`` where a part of the session file is missing: what that part showed is unknown. ``growing`` where it is
+    still being recorded.
     ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
     """
 
@@ -60,13 +61,15 @@ class Assessment:
     simulated: bool
     damaged: bool
     health: SensorHealth
+    growing: bool = False
 
     @property
     def word(self) -> str:
-        """The verdict as it is printed: a PASS with what it does not cover."""
+        """The verdict as it is printed: a PASS with what it does not cover; ``so far`` while the session runs."""
+        so_far = ["so far"] * self.growing
         if self.verdict is not Verdict.PASS:
-            return self.verdict.value
-        return ", ".join(["PASS", *["relative"] * self.relative, *["damaged session"] * self.damaged])
+            return ", ".join([self.verdict.value, *so_far])
+        return ", ".join(["PASS", *["relative"] * self.relative, *["damaged session"] * self.damaged, *so_far])
 
 
 def judge(session: SessionData) -> Assessment:
@@ -120,6 +123,7 @@ def judge(session: SessionData) -> Assessment:
         is_simulated(session),
         session.truncated,
         health,
+        session.growing,
     )
 
 

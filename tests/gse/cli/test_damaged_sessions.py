@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 from devices.command_line import Gse
 
-from gse.config.station import BUILT_IN_TEXT
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.sessions.status_file import StatusFile, read_status
+from gse.station.notes import Notes
+from gse.view.live_state import LiveState
 
 MADE = ("simulate", "--scenario", "own-answers", "--seconds", 30, "--rate-hz", 1)
 COMMANDS = (
@@ -103,3 +106,50 @@ def test_a_station_file_comes_from_a_shells_pipe_and_is_read_once(whole: Path, t
     os.close(reading)
     assert done.code in (0, 1, 5)
     assert "piped" in (tmp_path / "report" / "report.json").read_text()
+
+
+def test_a_session_that_is_being_recorded_is_not_called_damaged_until_its_process_ends(
+    gse: Gse, cut: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "20260320T150000Z-sensor"
+    folder.mkdir()
+    (folder / "session.mcap").write_bytes(cut.read_bytes())
+    status = StatusFile(folder, LiveState(parse_station(BUILT_IN_TEXT)), Notes())
+    while read_status(folder) is None:
+        pass
+    try:
+        for command in (("report", "--no-plots"), ("why",), ("view", "--out", tmp_path / "so far.rrd")):
+            done = gse(command[0], folder, *command[1:])
+            assert done.code in (0, 5)
+            assert "is being recorded: this covers what there is so far" in done.err
+            assert "damaged" not in done.out + done.err
+            assert command[0] == "view" or ", so far (SIMULATED): LAPAN-like" in done.out
+        assert "damaged" not in (folder / "report" / "report.html").read_text()
+    finally:
+        status.close(130)
+    done = gse("report", folder, "--no-plots")
+    assert done.code == 3
+    assert "the session is damaged or lost its end" in done.err
+    assert "so far" not in done.out
+
+
+@pytest.mark.parametrize("options", [(), ("--start-utc", "2026-03-20T18:30:00Z")])
+def test_junk_is_named_as_junk_and_leaves_no_folder(gse: Gse, tmp_path: Path, monkeypatch, options) -> None:
+    monkeypatch.chdir(tmp_path)
+    junk = tmp_path / "junk.bin"
+    junk.write_bytes(bytes(range(250)) * 12)
+    for command in ("replay", "report"):
+        done = gse(command, "junk.bin", *options)
+        assert done.code == 2
+        assert done.err.endswith(
+            "gse: junk.bin: 3,000 bytes, no valid frame of panorama-v1; find the protocol: gse decode --try junk.bin\n"
+        )
+    assert list(tmp_path.iterdir()) == [junk]
+
+
+def test_a_description_of_a_protocol_is_checked_before_a_station_file_names_it(gse: Gse, tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text("name: x\nbad: 1\n")
+    done = gse("config", "init", tmp_path / "roof.yaml", "--yes", "--protocol", "bad.yaml")
+    assert done.code == 2
+    assert "bad.yaml, line 2: bad: unknown key" in done.err
+    assert not (tmp_path / "roof.yaml").exists()

@@ -176,7 +176,8 @@ def test_a_raw_capture_takes_its_time_from_the_sensor_and_the_start_given(
 
 def test_a_raw_capture_without_a_start_is_asked_for_it(gse: Gse, tmp_path: Path) -> None:
     raw = tmp_path / "raw.bin"
-    raw.write_bytes(b"\x1a\xcf\xfc\x1d" * 100)
+    clear = NIGHT_SKY.parent / "golden" / "clear.mcap"
+    assert gse("session", "export", clear, "--format", "raw", "--out", raw).code == 0
     done = gse("replay", raw)
     assert done.code == 2
     assert "--start-utc" in done.err
@@ -229,7 +230,7 @@ def test_an_index_over_the_maximum_is_a_sensor_fault(gse: Gse, tmp_path: Path) -
         (["run", "--http-port", "8420"], 2, "add --view web"),
         (["replay", "absent.mcap", "--bind", "0.0.0.0", "--view", "native"], 2, "add --view web"),
         (["replay", "absent.mcap"], 2, "absent.mcap"),
-        (["replay", __file__], 2, "--start-utc"),
+        (["replay", __file__], 2, "no valid frame of panorama-v1; find the protocol: gse decode --try"),
         (["identify", "absent.csv"], 2, "absent.csv"),
         (["nonsense"], 2, "nonsense"),
     ],
