@@ -36,6 +36,7 @@ from gse.cli.options import (
     plots_option,
     station_option,
 )
+from gse.cli.screen import scene_option, served, stage_of
 from gse.config.choice import station_of, with_identifier
 from gse.config.edit import with_values
 from gse.config.station import Station
@@ -153,6 +154,7 @@ _MOST_LISTED = 3
     help="Stop after this time: 90, 5m, 1h30m.",
 )
 @live_options
+@scene_option
 @click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
 @click.option("--detach", "detached", is_flag=True, help="Run without this terminal: gse status.")
 @clock_error_option
@@ -170,6 +172,7 @@ def command(
     identifier: str | None,
     duration_s: float | None,
     live: LiveOptions,
+    scene: str | None,
     wait_port: bool,
     detached: bool,
     clock_error_s: float | None,
@@ -188,8 +191,11 @@ def command(
     station, text = _station(station_given or station_path, url, identifier)
     session = _Session(detach() if detached else None)
     shown: list[Shown] = []
+    stage = None
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text, shown)
+    elif station.screen is not None:
+        stage = stage_of(station, scene)
     notes = Notes()
     live_outputs = LiveOutputs(live, notes=notes)
     with Ending(_say) as ending, terminal.queued(_waits_for_reader(station, ending)):
@@ -202,7 +208,15 @@ def command(
                 station,
                 text,
                 out,
-                Operator(ending, _say, session.opened, session.terminal_news, notes, _taken(shown)),
+                Operator(
+                    ending,
+                    _say,
+                    session.opened,
+                    session.terminal_news,
+                    notes,
+                    stage.take if stage is not None else _taken(shown),
+                    (lambda: stage.is_over) if stage is not None else (lambda: False),
+                ),
                 make_listeners=live_outputs.listeners,
                 duration_s=duration_s,
                 wait_port=wait_port,
@@ -212,7 +226,7 @@ def command(
             live_outputs.enter_judging()
             return received
 
-        with live_outputs:
+        with live_outputs, served(stage, _say):
             report, found = session.run(receive, ending, clock_error_s, plots=plots)
             if report:
                 live_outputs.conclude(report)

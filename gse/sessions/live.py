@@ -165,7 +165,8 @@ class Operator:
 
     ``tell`` prints a line, ``opened`` is called with the session's folder and status once the port is open,
     ``terminal_news`` gives kind and text of the terminal's events since the last call, ``notes`` takes the operator's,
-    ``screen_news`` gives what a screen before the sensor shows from when on, since the last call.
+    ``screen_news`` gives what a screen before the sensor shows from when on, and its events, since the last call;
+    ``scene_is_over`` ends a session whose scene has an end.
     """
 
     ending: Ending
@@ -173,7 +174,8 @@ class Operator:
     opened: Callable[[Path, StatusFile], None] = lambda folder, status: None
     terminal_news: Callable[[], list[tuple[str, str]]] = list
     notes: Notes = field(default_factory=Notes)
-    screen_news: Callable[[], list[Shown]] = list
+    screen_news: Callable[[], Sequence[Shown | tuple[str, str]]] = list
+    scene_is_over: Callable[[], bool] = lambda: False
 
 
 def new_session_folder(out: Path, name: str, utc_ns: int | None) -> Path:
@@ -292,7 +294,7 @@ class _DerivedDataRecorder:
 
     def is_over(self) -> bool:
         """Whether a signal asked for the end, or the duration is over."""
-        if self._operator.ending.asked():
+        if self._operator.ending.asked() or self._operator.scene_is_over():
             return True
         if self._duration_ns is None:
             return False
@@ -333,9 +335,12 @@ class _DerivedDataRecorder:
 
     def take_screen(self, utc_ns: int) -> None:
         """Record what the screen before the sensor showed: truth needs it before the panoramas that saw it."""
-        for shown in self._operator.screen_news():
-            self._loop.session.shown.add(shown)
-            self._recorder.derived(SCREEN_TOPIC, utc_ns, shown_json(shown))
+        for news in self._operator.screen_news():
+            if isinstance(news, Shown):
+                self._loop.session.shown.add(news)
+                self._recorder.derived(SCREEN_TOPIC, utc_ns or read_clock().utc_ns, shown_json(news))
+            else:
+                self._event(*news)
 
     def _keep_identity(self) -> None:
         """What an external identifier is, and what it wrote to stderr."""
@@ -359,7 +364,8 @@ class _DerivedDataRecorder:
         """Record the end of the session; silence up to this instant counts as part of it."""
         self._keep_identity()
         if self._link.is_live:
-            self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or '--duration'}")
+            over = "the end of its scene" if self._operator.scene_is_over() else "--duration"
+            self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or over}")
 
     def _read_clock(self) -> None:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)

@@ -40,6 +40,9 @@ class StationKind(StrEnum):
     TERMINAL_LOST = "TERMINAL_LOST"
     TERMINAL_STUCK = "TERMINAL_STUCK"
     NOTE = "NOTE"
+    SCREEN_SHOWS = "SCREEN_SHOWS"
+    SCREEN_LOST = "SCREEN_LOST"
+    SCREEN_LATE = "SCREEN_LATE"
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
 from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, first_rows
-from gse.station.events import ClockStep
+from gse.station.events import ClockStep, StationKind
 from gse.station.frame_columns import Columns
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
 from gse.values.shown import ShownSky
@@ -46,6 +46,7 @@ class Cause(StrEnum):
     NO_OBJECTS = "no objects"
     OPERATOR = "operator"
     SCENE_CHANGE = "scene change"
+    SCREEN_LOST = "screen lost"
     MOUNT = "mount"
     """It was touched: nobody knows where it looked."""
 
@@ -147,8 +148,10 @@ def _around_step(event: ClockStep) -> Iterator[Exclusion]:
 
 def scene_changes(sky: ShownSky, frames: Columns) -> Iterator[Exclusion]:
     """Exposures over a change on the screen: they show two scenes, and no one attitude is their truth."""
-    if len(sky.shown) < 2 or not len(frames):
+    if not sky.shown or not len(frames):
         return
+    if sky.shown[0].from_ns > 0:
+        yield Exclusion(0, sky.shown[0].from_ns, "nothing was shown yet", Cause.SCENE_CHANGE)
     half_ns = round(float(frames["exposure_s"].max()) / 2 * NS_PER_S)
     for before, after in pairwise(sky.shown):
         around_ns = half_ns + round(after.within_ms * 1e6)
@@ -159,6 +162,19 @@ def scene_changes(sky: ShownSky, frames: Columns) -> Iterator[Exclusion]:
             f"{reason} to RA {after.ra_deg:.2f} DE {after.de_deg:.2f} deg",
             Cause.SCENE_CHANGE,
         )
+
+
+def screen_lost(events: Iterable[LinkEvent]) -> Iterator[Exclusion]:
+    """Stretches in which the page did not show the scene; the last one lasts until the end of the session."""
+    lost: LinkEvent | None = None
+    for event in events:
+        if event.kind == StationKind.SCREEN_LOST:
+            lost = lost or event
+        elif event.kind == StationKind.SCREEN_SHOWS and lost is not None:
+            yield Exclusion(lost.utc_ns, max(event.utc_ns, lost.utc_ns + 1), lost.text, Cause.SCREEN_LOST)
+            lost = None
+    if lost is not None:
+        yield Exclusion(lost.utc_ns, LAST_NS, lost.text, Cause.SCREEN_LOST)
 
 
 def parse_exclusion(text: str) -> Exclusion:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkKind
 from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
-from gse.station.exclusions import Cause, Exclusion, exclusions, scene_changes
+from gse.station.exclusions import Cause, Exclusion, exclusions, scene_changes, screen_lost
 from gse.station.frame_columns import Columns, InOrder
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
 from gse.station.session_data import SessionData
@@ -241,7 +241,7 @@ def _without_sky(session: SessionData) -> Iterable[Exclusion]:
 
 
 def _between_scenes(session: SessionData) -> Iterable[Exclusion]:
-    return scene_changes(session.shown, session.frames.columns)
+    return (*scene_changes(session.shown, session.frames.columns), *screen_lost(session.events))
 
 
 def _stated(session: SessionData) -> Iterable[Exclusion]:
@@ -305,6 +305,7 @@ LEFT_OUT = (
     LeftOut(Cause.NO_SKY, _without_sky, _ABSENCE, "daylight, or cloud that other frames show too"),
     LeftOut(Cause.NO_OBJECTS, _without_sky, _ABSENCE, "its panoramas are empty: a cap, a cover, an overcast sky"),
     LeftOut(Cause.SCENE_CHANGE, _between_scenes, tuple(Claim), "it was exposed while the screen changed its scene"),
+    LeftOut(Cause.SCREEN_LOST, _between_scenes, tuple(Claim), "the page was closed, hidden, or of another size"),
     LeftOut(Cause.OPERATOR, _stated, _ABSENCE, "left out by the operator, who says why"),
     LeftOut(Cause.MOUNT, _stated, _ANY, "the mount was touched, as the operator says, so that truth is not known"),
 )

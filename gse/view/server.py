@@ -139,6 +139,7 @@ class PieceAfter(Protocol):
 class Content:
     """What is served: a running session (``glance``), or a ``recording`` (.rrd).
 
+    ``pages`` are further pages, each with what it is made with.
     ``verdict`` is that of a recording: what the bar over it says, and its level. ``piece_after`` gives pages with
     rerun's viewer what they do not have yet of a running session (``RerunFeed.piece_after``); None without rerun.
     """
@@ -149,6 +150,7 @@ class Content:
     verdict: tuple[str, str] = ("", "")
     piece_after: PieceAfter | None = None
     files: ViewerFiles = field(default_factory=ViewerFiles)
+    pages: tuple[tuple[str, type[RequestHandler], dict[str, Any]], ...] = ()
 
 
 class Serving(Protocol):
@@ -195,10 +197,12 @@ class Guests:
 def application(server: Serving) -> Application:
     """The pages of a server."""
     to_server = {"server": server}
-    front, rerun = ("glance.html.jinja", "rerun.html") if server.content.glance else ("rerun.html", "rerun.html")
-    files = {"/": front, "/rerun": rerun, "/rerun.js": "rerun.js.jinja", "/rerun.css": "rerun.css"}
+    front = "glance.html.jinja" if server.content.glance else "rerun.html"
+    files = {"/": front, "/rerun": "rerun.html", "/rerun.js": "rerun.js.jinja", "/rerun.css": "rerun.css"}
     return Application(
         [
+            # Further pages first: one of them may stand in the place of the front page.
+            *((path, page, {**to_server, **more}) for path, page, more in server.content.pages),
             *((path, _OwnFile, {**to_server, "name": name}) for path, name in files.items()),
             *((path, _ViewerFile, to_server) for path in MEDIA_TYPES),
             ("/session.rrd", _Recording, to_server),
@@ -212,7 +216,7 @@ def application(server: Serving) -> Application:
     )
 
 
-class _Page(RequestHandler):
+class Page(RequestHandler):
     """Any answer of the server: checks the Host, and lets pages talk to this server only."""
 
     server: Serving
@@ -232,7 +236,7 @@ class _Page(RequestHandler):
             self.finish("this server has another name\n")
             return
         content = self.server.content
-        live = f" ws://{host}" if content.glance else ""
+        live = f" ws://{host}" if content.glance or content.pages else ""
         self.set_header(
             "Content-Security-Policy",
             f"default-src 'none'; script-src 'self' '{_glance_script_hash()}' 'wasm-unsafe-eval'; "
@@ -269,12 +273,12 @@ class _Page(RequestHandler):
         self.finish(f"{status_code} {self._reason}\n")
 
 
-class _Nothing(_Page):
+class _Nothing(Page):
     def get(self) -> None:
         self.send_error(HTTPStatus.NOT_FOUND)
 
 
-class _OwnFile(_Page):
+class _OwnFile(Page):
     def get(self) -> None:
         self.server.opened = True
         name = self.extra["name"]
@@ -310,7 +314,7 @@ def _glance_script_hash() -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
-class _ViewerFile(_Page):
+class _ViewerFile(Page):
     """A file of rerun's viewer; the browser keeps it, its address names the version."""
 
     async def get(self) -> None:
@@ -327,7 +331,7 @@ def _parts(body: bytes) -> Iterator[bytes]:
     return (body[start : start + _PART_BYTES] for start in range(0, len(body), _PART_BYTES))
 
 
-class _Recording(_Page):
+class _Recording(Page):
     async def get(self) -> None:
         recording = self.server.content.recording
         if recording is None:
@@ -339,7 +343,7 @@ class _Recording(_Page):
             await self.send(iter(functools.partial(file.read, _PART_BYTES), b""))
 
 
-class _Piece(_Page):
+class _Piece(Page):
     """What a page with rerun's viewer does not have yet of a running session."""
 
     async def get(self) -> None:
@@ -362,7 +366,7 @@ class _Piece(_Page):
             guests.remove(self.stream)
 
 
-class _Live(_Page, WebSocketHandler):
+class _Live(Page, WebSocketHandler):
     """The documents of a running session: one for each time that the browser asks."""
 
     def open(self, *args: str, **kwargs: str) -> None:
@@ -380,7 +384,7 @@ class _Live(_Page, WebSocketHandler):
         self.server.leave(self)
 
 
-class _Note(_Page):
+class _Note(Page):
     """Takes a note: from a page of this server, on this machine or with the token."""
 
     async def post(self) -> None:

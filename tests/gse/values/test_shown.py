@@ -68,3 +68,10 @@ def test_a_screen_that_is_none_says_what_was_expected(keys, words):
 def test_numbers_of_a_damaged_file_are_no_scene(number):
     with pytest.raises(ValueError, match="no attitude"):
         Shown(0, number, 0.0, 0.0)
+
+
+def test_a_corrected_record_of_the_same_instant_is_the_one_that_counts():
+    sky = ShownSky([Shown(NS_PER_S, 10.0, 0.0, 0.0, within_ms=5.0)])
+    sky.add(Shown(NS_PER_S, 10.0, 0.0, 0.0, within_ms=80.0))
+    (index,) = sky.index_at(np.array([2 * NS_PER_S]))
+    assert sky.shown[index].within_ms == 80.0
