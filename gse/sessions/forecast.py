@@ -100,6 +100,7 @@ def snapshot(session: SessionData) -> SessionData:
         statuses=list(session.statuses),
         sensor_attitudes=copy.copy(session.sensor_attitudes),
         external_counts=copy.deepcopy(session.external_counts),
+        shown=replace(session.shown, shown=list(session.shown.shown)),
     )
 
 

@@ -46,6 +46,7 @@ from gse.station.frame_table import OTHER
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, EarthOrientation
+from gse.values.shown import Shown
 from gse.verdict.assessment import Assessment
 from protocols import StatusMessage
 
@@ -75,25 +76,29 @@ class KeptContext(BaseModel):
     clock_error_s: float | None
     external: dict[str, Any] | None
     external_counts: ExternalCounts
+    shown: list[Shown] = []
 
     @classmethod
     def from_session(cls, session: SessionData) -> "KeptContext":
         """The context of a session."""
         orientation, stars = session.earth_orientation, session.stars
-        own = {"designation", "earth_orientation"}
+        own = {"designation", "earth_orientation", "shown"}
         values = {name: getattr(session, name) for name in cls.model_fields if name not in own}
         return cls.model_construct(
             **values,
             designation=stars.designation if stars else "Gaia DR3",
             earth_orientation=orientation.to_json() if orientation else None,
+            shown=session.shown.shown,
         )
 
     def give_to(self, session: SessionData) -> None:
         """Set the fields of a session; TruthError where the Earth orientation is none."""
         text = self.earth_orientation
         for name in type(self).model_fields:
-            if name not in ("designation", "earth_orientation"):
+            if name not in ("designation", "earth_orientation", "shown"):
                 setattr(session, name, getattr(self, name))
+        for shown in self.shown:
+            session.shown.add(shown)
         session.earth_orientation = EarthOrientation.from_json(text) if text is not None else None
 
 

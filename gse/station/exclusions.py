@@ -44,9 +44,9 @@ class Cause(StrEnum):
     BACKLOG = "backlog"
     NO_SKY = "no sky"
     NO_OBJECTS = "no objects"
-    OPERATOR = "operator"
     SCENE_CHANGE = "scene change"
     SCREEN_LOST = "screen lost"
+    OPERATOR = "operator"
     MOUNT = "mount"
     """It was touched: nobody knows where it looked."""
 

@@ -157,9 +157,9 @@ class TruthSource:
         self,
         site: Site,
         inertial: InertialDirection | None,
-        shown: ShownSky,
         frozen: EarthOrientation | None,
         given: GivenTables | None,
+        shown: ShownSky | None = None,
     ) -> None:
         self._site, self._inertial, self._shown = site, inertial, shown
         self._is_frozen, self._given = frozen is not None, given
@@ -256,10 +256,8 @@ class StationLoop:
         )
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
-        if station.screen is not None:
-            self.session.shown.screen_to_sensor = station.screen.to_sensor.rotation()
         self._truth_source = TruthSource(
-            station.site, station.mount.inertial, self.session.shown, earth_orientation, given_orientation
+            station.site, station.mount.inertial, earth_orientation, given_orientation, self.session.shown
         )
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded

@@ -62,6 +62,10 @@ class SessionData:
     external: dict[str, Any] | None = None
     external_counts: ExternalCounts = field(default_factory=ExternalCounts)
 
+    def __post_init__(self) -> None:
+        if self.station.screen is not None:
+            self.shown.screen_to_sensor = self.station.screen.to_sensor.rotation()
+
     @property
     def panoramas_lost(self) -> int:
         """Lost frames that may have been panoramas, and the copies that a frozen sensor sent instead of them.

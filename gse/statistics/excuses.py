@@ -304,8 +304,8 @@ LEFT_OUT = (
     LeftOut(Cause.BACKLOG, _clock_and_link, _ACCURACY, "it waited in a buffer, so that its time is not known"),
     LeftOut(Cause.NO_SKY, _without_sky, _ABSENCE, "daylight, or cloud that other frames show too"),
     LeftOut(Cause.NO_OBJECTS, _without_sky, _ABSENCE, "its panoramas are empty: a cap, a cover, an overcast sky"),
-    LeftOut(Cause.SCENE_CHANGE, _between_scenes, tuple(Claim), "it was exposed while the screen changed its scene"),
-    LeftOut(Cause.SCREEN_LOST, _between_scenes, tuple(Claim), "the page was closed, hidden, or of another size"),
+    LeftOut(Cause.SCENE_CHANGE, _between_scenes, _ANY, "it was exposed while the screen changed its scene"),
+    LeftOut(Cause.SCREEN_LOST, _between_scenes, _ANY, "the page was closed, hidden, or of another size"),
     LeftOut(Cause.OPERATOR, _stated, _ABSENCE, "left out by the operator, who says why"),
     LeftOut(Cause.MOUNT, _stated, _ANY, "the mount was touched, as the operator says, so that truth is not known"),
 )

@@ -50,7 +50,7 @@ class ShownSky:
     """
 
     shown: list[Shown] = field(default_factory=list)
-    screen_to_sensor: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    screen_to_sensor: NDArray[np.float64] = field(default_factory=lambda: np.eye(3), compare=False)
 
     def add(self, shown: Shown) -> None:
         """Take what is shown next; one that begins before the one at hand takes its place in time."""

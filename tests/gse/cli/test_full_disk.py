@@ -53,7 +53,7 @@ def test_no_half_of_a_file_is_left(name: str, given: Path, tmp_path: Path, gse: 
 
 
 def test_a_report_that_found_no_room_names_a_next_step_that_works(given: Path, tmp_path: Path, gse: Gse) -> None:
-    with full_disk(100_000):  # report.html has more, the others less
+    with full_disk(20_000):  # the report has more
         done = gse("replay", given / "session.mcap", "--out", tmp_path / "new")
     assert done.code == 3
     assert "make room and repeat this command" in done.err

@@ -72,7 +72,8 @@ def test_what_was_shown_is_recorded_and_a_replay_gives_the_same_report(folder, t
 
 def test_an_exposure_over_a_change_of_scene_is_left_out_by_name(folder):
     session = replay_session(folder).session
-    changes = [item for item in left_out(session) if item.cause is Cause.SCENE_CHANGE]
+    before, *changes = [item for item in left_out(session) if item.cause is Cause.SCENE_CHANGE]
+    assert (before.reason, before.until_ns) == ("nothing was shown yet", session.shown.shown[0].from_ns)
     assert [item.reason for item in changes] == [
         "the scene changed from RA 83.00 DE -2.00 deg to RA 359.90 DE 60.00 deg",
         "the scene changed from RA 359.90 DE 60.00 deg to RA 10.00 DE 89.90 deg",

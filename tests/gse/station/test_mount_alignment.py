@@ -233,7 +233,7 @@ class Listened:
     """What the loop gives a listener: the station, and its Earth orientation or none."""
 
     def __init__(self, earth_orientation):
-        self.station, self.earth_orientation = SESSION.station, earth_orientation
+        self.station, self.earth_orientation, self.shown = SESSION.station, earth_orientation, SESSION.shown
 
 
 def test_frames_are_taken_from_the_loop_once_the_sky_is_known():
