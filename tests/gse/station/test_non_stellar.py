@@ -145,14 +145,15 @@ def test_more_than_one_hot_pixel_is_known_each_by_both_of_its_coordinates():
     assert found == [HOT_PIXEL, HOT_PIXEL, UNKNOWN, UNKNOWN]
 
 
-@pytest.mark.parametrize(("beyond_px", "kind"), [(-0.1, "Jupiter"), (0.1, UNKNOWN)])
-def test_an_object_within_some_pixels_of_a_planet_is_it(beyond_px, kind):
+@pytest.mark.parametrize(
+    ("off_px", "kind"),
+    [(PLANET_WITHIN_PX - 0.1, "Jupiter"), (PLANET_WITHIN_PX + 0.1, UNKNOWN), (2.5, "Jupiter"), (6.0, UNKNOWN)],
+)
+def test_an_object_within_some_pixels_of_a_planet_is_it(off_px, kind):
     attitude = Attitude.from_angles(*JUPITER_ICRS, 0.0)
     (_, _), (_, found) = name(
         NonStellarObjects(CAMERA, SITE),
-        panorama(
-            0, (900.0, 900.0), tuple(place_of("Jupiter", attitude) + np.array([PLANET_WITHIN_PX + beyond_px, 0.0]))
-        ),
+        panorama(0, (900.0, 900.0), tuple(place_of("Jupiter", attitude) + np.array([off_px, 0.0]))),
         NONE,
         attitude,
         truth_known=True,
