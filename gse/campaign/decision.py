@@ -177,7 +177,7 @@ def _figure(label: str, values: list[float], limit: float, truth: float, unit: s
         return Outcome.PASS, mean, above, ""
     if exceeds(mean, mean - half, limit, truth):
         return Outcome.FAIL, mean, above, text
-    more = n * further_share(limit - mean, half, truth)
+    more = n * further_share(limit - mean, half, truth, n - 1)
     ask = (
         f"about {math.ceil(more)} more nights would decide" if math.isfinite(more) else "truth is not known well enough"
     )

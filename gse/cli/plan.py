@@ -79,7 +79,7 @@ def _more_minutes(minutes: float) -> str:
 
 
 def _planned(plan: "SessionPlan") -> dict[str, Any]:
-    from gse.verdict.planning import PROBABILITY
+    from gse.statistics.decision import PROBABILITY
 
     rows = [
         {

@@ -9,12 +9,14 @@ With ``simple`` acceptance, q <= L passes whatever U is; each row then states ho
 be seen like this. Where truth is not known at all, there is nothing to accept: such a row is inconclusive.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.special import betainc, betaincinv, ndtr, stdtrit
+from numpy.typing import NDArray
+from scipy.special import betainc, betaincinv, ndtr, ndtri, stdtrit
 
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import MIN_S
@@ -27,10 +29,20 @@ from gse.values.text import count_text, percent
 COVERAGE_FACTOR = 1.645
 """Coverage factor of a one-sided 95 % bound of a normal quantity."""
 
-_ONE_SIDED = 0.95
-_LENGTHS = 500
-"""Lengths that are tried for a decision; each is a few per cent longer than the one before."""
 _ROUNDING = 1e-9
+DECIDED = 0.8
+"""Probability with which a session is decided after the time that is said."""
+PROBABILITY = 0.9
+"""Probability of a PASS that a plan is made for, if the sensor performs as expected."""
+MOST_LENGTHS = 400.0
+"""Longest session that is looked at, in what was seen: a night for a minute."""
+
+_ONE_SIDED = 0.95
+_LENGTHS = np.geomspace(1.0, MOST_LENGTHS, 120)
+_FEWEST_VALUES = 1.0
+_POINTS = 200
+_SPREAD = 1.324717957244746
+"""The root of x^3 = x + 1."""
 
 
 def guard(sampling: float, truth_standard: float) -> float:
@@ -40,27 +52,6 @@ def guard(sampling: float, truth_standard: float) -> float:
     (JCGM 100, 5.1.2), each at 95 %. NaN or infinite where ``sampling`` is.
     """
     return math.hypot(sampling, COVERAGE_FACTOR * truth_standard)
-
-
-def further_share(distance: float, sampling: float, truth_standard: float, n_eff: float = math.inf) -> float:
-    """How much longer a session must be for a decision, as a share of its length; infinite where truth prevents it.
-
-    ``distance`` lies between figure and limit, ``sampling`` between figure and one-sided 95 % bound: it falls with the
-    square root of the length, and as Student's t does with the independent values, of which the session has ``n_eff``:
-    one that has few does not know its own scatter. 0 where the figure is decided; NaN where ``sampling`` is.
-    """
-    room2 = distance**2 - (COVERAGE_FACTOR * truth_standard) ** 2
-    if not room2 > 0:
-        return math.inf
-    most = sampling**2 / room2
-    if most <= 1:
-        return 0.0
-    if not math.isfinite(most) or not math.isfinite(n_eff):
-        return most - 1
-    values = max(n_eff, 1.0)
-    times = np.geomspace(1.0, most, _LENGTHS)
-    left = most / times * (stdtrit(values * times, _ONE_SIDED) / stdtrit(values, _ONE_SIDED)) ** 2
-    return float(times[np.argmax(left <= 1 + _ROUNDING)]) - 1
 
 
 def keeps(value: float, upper: float, limit: float, truth_standard: float = 0.0) -> bool:
@@ -93,6 +84,7 @@ DECISION_TEXT = {
 _SAYS_NOTHING = 0.5
 """A lower bound below half of its limit tells nothing of it."""
 _NO_LENGTH = "a longer session cannot decide"
+_TOO_NEAR = "it lies too near the limit for a longer session to decide"
 _NAN = float("nan")
 
 
@@ -239,13 +231,71 @@ def _why_undecided(asked: Criterion, figure: Figure, uncertainty: float, truth_u
     more_min = minutes_more(figure, asked.limit, truth_uncertainty)
     if math.isfinite(more_min):
         return f"{text}: {_minutes(more_min)} would have decided"
-    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, asked.unit)}, {_NO_LENGTH}"
+    truth = COVERAGE_FACTOR * truth_uncertainty
+    if truth < abs(asked.limit - figure.value):
+        return f"{text}: {_TOO_NEAR}"
+    return f"{text}: truth leaves {amount(truth, asked.unit)}, {_NO_LENGTH}"
 
 
 def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:
-    """How many more minutes of the same would decide; infinite where truth is the reason."""
+    """How many more minutes of the same would decide; infinite where no length does."""
     sampling = figure.bounds.upper - figure.value if figure.value <= limit else figure.value - figure.bounds.lower
     return figure.duration_s / 60 * further_share(limit - figure.value, sampling, truth_uncertainty, figure.n_eff)
+
+
+# How long until a decision: the true figure, and that of a longer session, are drawn from what the bounds leave open.
+
+
+def further_share(distance: float, sampling: float, truth_standard: float, n_eff: float = math.inf) -> float:
+    """How much longer a session must be so that DECIDED of all sessions like it are decided, as a share of its length.
+
+    ``distance`` lies between figure and limit, ``sampling`` between figure and one-sided 95 % bound, of ``n_eff``
+    independent values. 0 where the figure is decided; infinite where no length of up to MOST_LENGTHS decides, since
+    truth prevents it or the figure lies too near its limit; NaN where ``sampling`` is.
+    """
+    if not math.isfinite(sampling):
+        return sampling
+    times, (true, new) = _LENGTHS[:, None], _points()
+    scatter = sampling / COVERAGE_FACTOR
+    ahead = scatter * ((1 - 1 / times) * true + np.sqrt(times - 1) / times * new)
+    uncertainty = np.hypot(sampling * _narrower(n_eff, times), COVERAGE_FACTOR * truth_standard)
+    return _first_length(np.abs(abs(distance) - ahead) >= uncertainty * (1 - _ROUNDING), DECIDED) - 1
+
+
+def lengths_to_pass(distance: float, sampling: float, truth_standard: float, n_eff: float = math.inf) -> float:
+    """The length of another session like one that was judged, in that, for a PASS with PROBABILITY.
+
+    From the same as further_share, ``distance`` below 0 where the figure is above its limit.
+    """
+    if not math.isfinite(sampling):
+        return sampling
+    times = _LENGTHS[:, None] ** 2 / MOST_LENGTHS
+    seen = sampling / COVERAGE_FACTOR / np.sqrt(times) * _points()[1]
+    uncertainty = np.hypot(sampling * _narrower(n_eff, times), COVERAGE_FACTOR * truth_standard)
+    return _first_length(seen + uncertainty <= distance, PROBABILITY) ** 2 / MOST_LENGTHS
+
+
+def _narrower(n_eff: float, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What is left of the sampling part of U in a session that is so much longer.
+
+    It falls with the root of the length, and as Student's t does with the independent values: a session that has few
+    does not know its own scatter.
+    """
+    values = np.maximum(max(n_eff, _FEWEST_VALUES) * np.append(1.0, times), _FEWEST_VALUES)
+    quantiles = stdtrit(values, _ONE_SIDED)
+    return np.asarray((quantiles[1:] / quantiles[0])[:, None] / np.sqrt(times))
+
+
+def _first_length(happens: NDArray[np.bool_], share: float) -> float:
+    """The first of the lengths (L, 1) at which it happens in that share of the points (L, P)."""
+    lengths = np.flatnonzero(happens.mean(axis=1) >= share)
+    return float(_LENGTHS[lengths[0]]) if len(lengths) else math.inf
+
+
+@functools.cache
+def _points() -> NDArray[np.float64]:
+    """Pairs of independent normal quantities (2, P), evenly spread (gse.statistics.error_model)."""
+    return np.asarray(ndtri((0.5 + np.arange(1, _POINTS + 1) * (_SPREAD ** -np.arange(1.0, 3.0))[:, None]) % 1))
 
 
 def _minutes(minutes: float) -> str:

@@ -15,13 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrik, betaincinv, ndtr, ndtri
 
-from gse.statistics.decision import COVERAGE_FACTOR, Outcome, Row, Share, further_share, share_of, share_outcome
+from gse.statistics.decision import (
+    COVERAGE_FACTOR,
+    PROBABILITY,
+    Outcome,
+    Row,
+    Share,
+    further_share,
+    lengths_to_pass,
+    share_of,
+    share_outcome,
+)
 from gse.statistics.sampling import MIN_FRAMES, error_bounds
 from gse.values.limits import Decision
 from gse.values.matrices import straight_line
 
-PROBABILITY = 0.9
-"""Probability of a PASS that a plan is made for, if the sensor performs as expected."""
 SESSIONS, SETTLING_SESSIONS = 120, 400
 """To search for the length, and for each of those about it: of 120 sessions nine in ten are known to 2.7 % only."""
 MAX_SIMULATED = 400
@@ -206,14 +214,22 @@ def _availability_passes(n: int, expected: float, limit: float) -> bool:
 
 def figure_times(row: Row) -> float:
     """Further lengths of the session after which a figure is decided."""
-    if math.isnan(row.uncertainty):
-        return math.nan
-    sampling = math.sqrt(max(row.uncertainty**2 - (COVERAGE_FACTOR * row.truth_uncertainty) ** 2, 0.0))
-    return further_share(row.limit - row.value, sampling, row.truth_uncertainty, row.n_eff)
+    return further_share(row.limit - row.value, _sampling(row), row.truth_uncertainty, row.n_eff)
+
+
+def figure_length(row: Row) -> float:
+    """The length of another session like the one of a row, in that, after which its figure passes."""
+    return lengths_to_pass(row.limit - row.value, _sampling(row), row.truth_uncertainty, row.n_eff)
+
+
+def _sampling(row: Row) -> float:
+    if math.isnan(row.uncertainty) or math.isinf(row.truth_uncertainty):
+        return row.uncertainty
+    return math.sqrt(max(row.uncertainty**2 - (COVERAGE_FACTOR * row.truth_uncertainty) ** 2, 0.0))
 
 
 def share_times(share: Share, limit: float, *, at_least: bool) -> float:
-    """The same of a share, by bisection: its bounds come closer to it with every frame."""
+    """Further lengths of the session after which a share is decided, by bisection: its bounds come closer to it."""
 
     def is_decided(times: float) -> bool:
         longer = share_of(share.count * _MOST_TIMES, share.of * _MOST_TIMES, share.n_eff * times)

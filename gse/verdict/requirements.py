@@ -29,6 +29,7 @@ from gse.statistics.decision import (
     judge_figure,
     judge_share,
 )
+from gse.statistics.sampling import MIN_FRAMES
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.subject_statistics import SubjectStatistics, figure_of
 from gse.statistics.truth_budget import TruthUncertaintyBudget
@@ -178,8 +179,8 @@ class AxisQuestion:
 class ExpectedSession:
     """What a session is planned from: answers come and fail in runs of ``frames_per_answer`` frames.
 
-    ``seen`` are the frames after which rows of a session like it pass, by name, for rows that nothing else plans; None
-    where they never do.
+    ``seen`` are the frames after which rows of a session like one that was judged pass, by the name of the row or of
+    its axis; None where they never do.
     """
 
     axes: tuple[AxisQuestion, ...]
@@ -208,11 +209,15 @@ def both_rows_of(axis: Axis) -> Plan:
 
     def plan(session: ExpectedSession) -> RowPlan | None:
         asked = next((one for one in session.axes if one.axis == axis), None)
-        if asked is None:
+        if asked is not None:
+            frames = _frames_of(asked.expected, asked.limit_arcsec, asked.truth_arcsec)
+        elif axis.label in session.seen:
+            frames = session.seen[axis.label]
+        else:
             return None
-        frames = _frames_of(asked.expected, asked.limit_arcsec, asked.truth_arcsec)
-        least = math.ceil(MIN_S * session.frames_per_s) + 1
-        return RowPlan(axis.label, asked.limit_arcsec, axis.unit, None if frames is None else max(frames, least))
+        limit = session.limits.of(axis) if asked is None else asked.limit_arcsec
+        least = max(math.ceil(MIN_S * session.frames_per_s) + 1, MIN_FRAMES)
+        return RowPlan(axis.label, limit, axis.unit, None if frames is None else max(frames, least))
 
     return plan
 

@@ -6,21 +6,19 @@ after which each of its rows would be decided if its figures stayed as they are.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+
+import numpy as np
 
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import Outcome, Row
-from gse.statistics.session_statistics import Statistics
-from gse.statistics.subject_statistics import SubjectStatistics
 from gse.values.axis import AXES
 from gse.values.limits import Limits
 from gse.verdict.assessment import Assessment
-from gse.verdict.planning import NEVER, Expected
+from gse.verdict.planning import NEVER, figure_length
 from gse.verdict.requirements import (
     REQUIREMENTS,
-    AxisQuestion,
-    Case,
+    ByBounds,
     ExpectedSession,
     Requirement,
     RowPlan,
@@ -63,44 +61,43 @@ def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> Sessi
     if stats.duration_s <= 0:
         return None
     frames_per_s = (stats.frames - 1) / stats.duration_s
-    axes = tuple(_questions(assessment, of_subject, limits, frames_per_s))
     share = of_subject.available
-    if len(axes) < len(AXES) or not share.of:
+    left = [item for item in rows_left(assessment) if item.row.subject is subject]
+    lengths = _lengths(left)
+    if len(lengths) < len(AXES) or any(map(math.isnan, lengths.values())) or not share.of:
         return None
-    left = [item for item in rows_left(assessment) if item.row.subject is subject and item.requirement.plan is None]
-    if any(math.isnan(item.minutes) for item in left):
-        return None
-    seen = {item.row.name: _frames_for(item, stats) for item in left}
+    seen = {name: None if math.isinf(times) else math.ceil(stats.frames * times) for name, times in lengths.items()}
     return session_plan(
-        ExpectedSession(axes, limits, share.value, frames_per_s, frames_per_answer=share.of / share.n_eff, seen=seen)
+        ExpectedSession((), limits, share.value, frames_per_s, frames_per_answer=share.of / share.n_eff, seen=seen)
     )
 
 
-def _frames_for(item: "RowLeft", stats: Statistics) -> int | None:
-    """Frames after which a row like that passes, which are no more than it had where it does."""
-    will_pass = item.row.outcome is not Outcome.FAIL and item.requirement.keeps(item.row.value, item.row.limit)
-    if not will_pass or item.minutes == NEVER:
-        return None
-    return math.ceil(stats.frames * (1 + item.minutes * 60 / stats.duration_s))
+def _lengths(left: list["RowLeft"]) -> dict[str, float]:
+    """Lengths of another session, in this one, by axis (the longer of its two rows), or by row where nothing plans it.
 
-
-def _questions(
-    assessment: Assessment, subject: SubjectStatistics, limits: Limits, frames_per_s: float
-) -> Iterator[AxisQuestion]:
-    case = Case(subject, assessment.statistics, assessment.budget, limits, relative=False)
-    for axis in AXES:
-        figures, truth_arcsec = subject.axes[axis.key], case.truth_standard((axis,))
-        values = (figures.bias_arcsec, figures.std_arcsec, figures.tau_s)
-        if all(map(math.isfinite, values)) and math.isfinite(truth_arcsec):
-            yield AxisQuestion(axis, Expected(*values, frames_per_s), limits.of(axis), truth_arcsec)
+    A row that nothing plans needs no more than it had where it is decided.
+    """
+    lengths: dict[str, float] = {}
+    for item in left:
+        if isinstance(item.requirement.decided, ByBounds) and item.requirement.plan is not None:
+            name = item.requirement.decided.truth[0].label
+            lengths[name] = float(np.maximum(figure_length(item.row), lengths.get(name, 0.0)))  # NaN where one is
+        elif item.requirement.plan is None:
+            will_pass = item.row.outcome is not Outcome.FAIL and item.requirement.keeps(item.row.value, item.row.limit)
+            lengths[item.row.name] = 1 + item.times if will_pass else math.inf
+    return lengths
 
 
 @dataclass(frozen=True, slots=True)
 class RowLeft:
-    """Minutes after which a row of a session is decided: 0 where it is, NEVER, or NaN where that cannot be told yet."""
+    """After how many minutes, and further lengths of the session, a row is decided.
+
+    0 where it is, NEVER, or NaN where that cannot be told yet.
+    """
 
     requirement: Requirement
     row: Row
+    times: float
     minutes: float
 
 
@@ -118,9 +115,6 @@ def minutes_left(assessment: Assessment) -> float:
 def rows_left(assessment: Assessment) -> tuple[RowLeft, ...]:
     """What is left for each row that was tested."""
     stats = assessment.statistics
-    minutes = stats.duration_s / 60
     tested = [(requirement_of(row), row) for row in assessment.rows if row.outcome is not Outcome.NOT_TESTED]
-    return tuple(
-        RowLeft(requirement, row, minutes * requirement.times_left(row, stats.subjects[row.subject]))
-        for requirement, row in tested
-    )
+    left = [(requirement, row, requirement.times_left(row, stats.subjects[row.subject])) for requirement, row in tested]
+    return tuple(RowLeft(requirement, row, times, times * stats.duration_s / 60) for requirement, row, times in left)

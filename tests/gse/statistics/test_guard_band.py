@@ -2,11 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
-import scipy.optimize
 import scipy.stats
 
-from gse.statistics.decision import exceeds, further_share, guard, keeps
+from gse.statistics.decision import exceeds, further_share, guard, keeps, lengths_to_pass
+from gse.statistics.sampling import error_bounds
+from gse.verdict.planning import Expected, simulated_errors
 
 TRUTH_OF_4 = 4 / 1.645
 
@@ -55,63 +57,72 @@ def test_without_a_word_truth_is_known() -> None:
 
 
 @pytest.mark.parametrize(
-    ("distance", "sampling", "truth", "more"),
-    [
-        (10.0, 20.0, 0.0, 3.0),  # half the distance takes four times as long
-        (-10.0, 20.0, 0.0, 3.0),
-        (0.5, 1.0, 0.0, 3.0),
-        (10.0, 10.0, 0.0, 0.0),
-        (10.0, 9.0, 0.0, 0.0),
-        (10.0, 0.0, 0.0, 0.0),
-        (5.0, 6.0, TRUTH_OF_4, 3.0),  # truth takes 4 of 5 and leaves 3
-        (5.0, 2.0, TRUTH_OF_4, 0.0),
-        (0.0, 1.0, 0.0, math.inf),
-        (4.0, 1.0, 4.001 / 1.645, math.inf),
-        (10.0, math.inf, 0.0, math.inf),
-        (math.nan, 1.0, 0.0, math.inf),
-    ],
+    ("distance", "sampling", "truth", "n_eff"),
+    [(10.0, 20.0, 0.0, math.inf), (15.0, 16.0, 4.0, 6.0), (-12.0, 20.0, 2.0, 40.0)],
 )
-def test_uncertainty_falls_with_the_root_of_the_length_until_it_is_as_the_distance(
-    distance, sampling, truth, more
-) -> None:
-    assert further_share(distance, sampling, truth) == pytest.approx(more, rel=1e-9)
+def test_four_in_five_sessions_are_decided_after_the_length_that_is_said(distance, sampling, truth, n_eff) -> None:
+    """Drawn: where the true figure lies, and what the rest of the session shows of it."""
+    more, generator = further_share(distance, sampling, truth, n_eff), np.random.default_rng(1)
+    true, new = sampling / 1.645 * generator.normal(size=(2, 100_000))
 
+    def decided(times):
+        ahead = ((times - 1) * (true + new / math.sqrt(times - 1))) / times
+        narrower = 1 / math.sqrt(times)
+        if n_eff < math.inf:
+            narrower *= scipy.stats.t.ppf(0.95, n_eff * times) / scipy.stats.t.ppf(0.95, n_eff)
+        uncertainty = math.hypot(sampling * narrower, 1.645 * truth)
+        return ((ahead + uncertainty <= distance) | (ahead - uncertainty > distance)).mean()
 
-def test_nothing_can_be_told_of_a_figure_without_bounds() -> None:
-    assert math.isnan(further_share(10.0, math.nan, 0.0))
-    assert math.isnan(further_share(10.0, math.nan, 0.0, 5.0))
-    assert further_share(10.0, math.inf, 0.0, 5.0) == math.inf
-    assert further_share(10.0, 9.0, 0.0, 5.0) == 0.0
+    assert 0 < more < 100
+    assert decided(1 + more) == pytest.approx(0.8, abs=0.03)
 
 
 @pytest.mark.parametrize(
-    ("sampling", "n_eff"), [(12.0, 1.0), (12.5, 2.5), (20.0, 3.0), (20.0, 40.0), (60.0, 1.5), (300.0, 10.0)]
+    ("distance", "sampling", "truth", "more"),
+    [
+        (10.0, 10.0, 0.0, 0.0),
+        (-10.0, 9.0, 0.0, 0.0),
+        (5.0, 3.0, TRUTH_OF_4, 0.0),
+        (4.0, 1.0, 4.001 / 1.645, math.inf),
+        (1.0, 5.0, 2.0, math.inf),
+        (0.0, 10.0, 3.0, math.inf),
+        (10.0, math.nan, 0.0, math.nan),
+        (10.0, math.inf, 0.0, math.inf),
+        (10.0, 20.0, math.inf, math.inf),
+    ],
 )
-def test_few_independent_values_learn_their_scatter_too(sampling, n_eff) -> None:
-    """Student's quantile falls with the values; of 500 lengths the next one is told."""
-
-    def left(log_times):
-        times = math.exp(log_times)
-        quantile = scipy.stats.t.ppf(0.95, n_eff * times) / scipy.stats.t.ppf(0.95, n_eff)
-        return sampling * quantile / math.sqrt(times) - 10.0
-
-    most = (sampling / 10) ** 2
-    exact = math.exp(scipy.optimize.brentq(left, 0.0, math.log(most) + 1e-9))
-    found = further_share(10.0, sampling, 0.0, n_eff) + 1
-    assert exact * (1 - 1e-6) <= found <= exact * most ** (1 / 499) * (1 + 1e-6)
+def test_what_is_decided_takes_no_time_and_what_truth_hides_no_length_decides(distance, sampling, truth, more) -> None:
+    assert further_share(distance, sampling, truth) == pytest.approx(more, nan_ok=True)
+    assert further_share(distance, sampling, truth, 5.0) == pytest.approx(more, nan_ok=True)
 
 
-def test_less_than_one_independent_value_counts_as_one_and_very_many_know_their_scatter() -> None:
-    assert further_share(10.0, 20.0, 0.0, 0.3) == further_share(10.0, 20.0, 0.0, 1.0)
-    assert further_share(10.0, 20.0, 0.0, 1e12) == pytest.approx(3.0)
-    assert further_share(10.0, 20.0, 0.0, 1.2) != further_share(10.0, 20.0, 0.0, 1.0)
+def test_nine_in_ten_sessions_of_the_length_that_is_said_pass() -> None:
+    """U is 1.645 times the scatter of a figure: both have to fit into the room, the scatter 1.2816 times."""
+    times = lengths_to_pass(20.0, 10.0, 0.0)
+    assert times == pytest.approx((10 / 20 * (1 + 1.2816 / 1.645)) ** 2, rel=0.12)
+    assert lengths_to_pass(40.0, 10.0, 0.0, 8.0) > lengths_to_pass(40.0, 10.0, 0.0)
+    assert lengths_to_pass(20.0, 10.0, 13.0) == math.inf
+    assert lengths_to_pass(-1.0, 10.0, 0.0) == math.inf
+    assert math.isnan(lengths_to_pass(20.0, math.nan, 0.0))
 
 
-@pytest.mark.parametrize(("sampling", "n_eff"), [(20.0, 3.0), (35.0, 6.0), (300.0, 10.0)])
-def test_the_length_is_one_of_five_hundred_of_even_ratios_from_that_of_the_session_to_that_of_a_known_scatter(
-    sampling, n_eff
-) -> None:
-    most = (sampling / 10) ** 2
-    steps = math.log(further_share(10.0, sampling, 0.0, n_eff) + 1) / math.log(most) * 499
-    assert 0 < steps < 499
-    assert steps == pytest.approx(round(steps), abs=1e-6)
+def test_less_than_one_independent_value_counts_as_one() -> None:
+    few = [further_share(20.0, 30.0, 0.0, n_eff) for n_eff in (0.3, 1.0, 3.0)]
+    assert few[0] == few[1] != few[2]
+
+
+def test_a_session_that_goes_on_as_long_as_it_was_told_is_decided() -> None:
+    """A correlation time of a twentieth of the session, a sensor at 0.7 of its limit."""
+    limit, decided = 1.95996 / 0.7, []
+
+    def further(errors):
+        found, p95 = error_bounds(errors), float(np.percentile(np.abs(errors), 95))
+        sampling = found.p95_abs.upper - p95 if p95 <= limit else p95 - found.p95_abs.lower
+        return further_share(limit - p95, sampling, 0.0, found.n_eff)
+
+    for errors in simulated_errors(Expected(0.0, 1.0, 20.0, 1.0), 6000, 40, np.random.default_rng(5)):
+        times = 1 + further(errors[:200])
+        if 1 < times <= 30:
+            decided.append(further(errors[: round(200 * times)]) == 0)
+    assert len(decided) > 10
+    assert np.mean(decided) >= 0.75

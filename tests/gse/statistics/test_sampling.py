@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gse.statistics.axis_statistics import axis_statistics, drift
-from gse.statistics.decision import exceeds, further_share, guard, keeps
+from gse.statistics.decision import exceeds, guard, keeps
 from gse.statistics.error_model import MixedStudent, error_model
 from gse.statistics.sampling import effective_number, error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
 from gse.values.instant import NS_PER_S
@@ -380,21 +380,6 @@ def test_shares_are_planned_by_their_exact_bounds():
     n = availability_frames(0.99, 0.95)
     missing = int(scipy.stats.binom.ppf(0.9, n, 0.01))
     assert scipy.stats.beta.ppf(0.05, n - missing, missing + 1) >= 0.95
-
-
-def test_twice_the_margin_takes_a_quarter_of_the_time():
-    assert further_share(10.0, 20.0, 0.0) == pytest.approx(3.0)
-    assert further_share(-10.0, 20.0, 0.0) == pytest.approx(3.0)
-    assert further_share(10.0, 5.0, 0.0) == 0.0
-    assert further_share(10.0, 20.0, 0.0, 1e6) == pytest.approx(3.0, 0.01)
-    assert further_share(10.0, 5.0, 7.0) == math.inf
-
-
-def test_a_session_of_few_independent_values_learns_its_scatter_too():
-    more = further_share(10.0, 20.0, 0.0, 3.0)
-    ratio = scipy.stats.t.ppf(0.95, 3 * (1 + more)) / scipy.stats.t.ppf(0.95, 3)
-    assert 20.0 * ratio / math.sqrt(1 + more) == pytest.approx(10.0, rel=0.01)
-    assert more < 2
 
 
 @pytest.mark.parametrize(("frames", "counts_all"), [(29, True), (30, False)])
