@@ -102,7 +102,7 @@ def _half_inside(cosines: NDArray[np.float64], freedom: int) -> NDArray[np.float
 
 BLOCKS = 240
 """Most blocks: the shortest correlation time that is told from white noise is a two-hundredth of the session."""
-_TAUS = np.geomspace(1 / 200, 10.0, 15)
+_TAUS = np.geomspace(1 / 200, 15.0, 16)
 """Correlation times, in the length of the session. Longer ones look like one another."""
 SESSION = 1.0
 """The correlation time of the slowest part that enters U: of what is slower, the session shows no more."""
@@ -261,7 +261,8 @@ def error_model(values: NDArray[np.float64], time_s: NDArray[np.float64] | None 
     slopes = (ones * yt - one_t * y1) / of_both
     sloped = np.maximum(yy - y1**2 / ones - slopes**2 * of_both / ones, least)
     prior = cells.log_prior - 0.5 * log_det
-    even = -_TAU_POWER * np.log(np.minimum(cells.taus, SESSION))  # a slope hides long correlation: all are as likely
+    # A slope hides long correlation: for its error all correlation times are as likely.
+    even = -_TAU_POWER * np.log(np.minimum(cells.taus, SESSION))
     return ErrorModel(
         log_weights=prior - 0.5 * np.log(ones) - 0.5 * (n - 1) * np.log(squares),
         log_sloped=prior + even - 0.5 * np.log(of_both) - 0.5 * (n - 2) * np.log(sloped),

@@ -63,7 +63,8 @@ _Z_ONE = 1.644854
 _TAIL_SHARE = 0.05
 _SHAPE_OF_MEAN, _SHAPE_OF_P95 = 0.25, 0.8
 """Of the error of a figure's values, what mean and scatter do not take up: 0.21 and 0.65 of normal ones."""
-_LEVEL, _LESS, _WELL_BIASED, _FEW_VALUES = 0.95, 0.2, 1.2, 4.0
+_LEVEL, _LESS, _WELL_BIASED, _FEW_VALUES = 0.96, 0.21, 1.2, 4.0
+_LOWER = 0.04
 _MOST_SPREADS = 2.0
 """Largest U, in the spread of the errors seen (99 %): once for these, once for what changes more slowly."""
 _STRETCHES, _RANGE, _BENT = 8, 2.85, 1.3
@@ -145,7 +146,7 @@ def _of_absolute(
         return sign * np.hypot(distance, _shape_error(absolute, ascending, number, sign * quantile))
 
     low, high = seen + end(all_of_them, 1 - TWO_SIDED, _Z), seen + end(all_of_them, TWO_SIDED, _Z)
-    lower = seen + np.maximum(end(decisive, 1 - ONE_SIDED, _Z_ONE), -most)
+    lower = seen + np.maximum(end(decisive, _LOWER, _Z_ONE), -most)
     upper = seen + np.minimum(end(decisive, level, _Z_ONE), most)
     ends = np.maximum(np.column_stack([np.minimum(low, lower), np.maximum(high, upper), lower, upper]), 0.0)
     return Bounds(*ends[0].tolist()), Bounds(*ends[1].tolist())

@@ -339,7 +339,7 @@ def test_what_is_at_its_limit_can_never_be_shown():
     ("expected", "truth_arcsec", "least", "most"),
     [
         (Expected(0.0, 20.0, 0.0, 1.0), 3.0, 40, 150),
-        (Expected(0.0, 25.0, 0.0, 1.0), 0.0, 200, 360),
+        (Expected(0.0, 25.0, 0.0, 1.0), 0.0, 150, 360),
         (Expected(0.0, 18.0, 8.0, 1.0), 7.0, 60, 350),
     ],
     ids=["white", "near the limit", "few independent values"],
