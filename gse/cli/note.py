@@ -9,7 +9,7 @@ from drivers.clock import read_clock
 from gse.cli.status import newest_session
 from gse.errors import UsageError
 from gse.sessions.status_file import leave_note
-from gse.station.notes import note_text
+from gse.station.notes import OF_MOUNT, note_text
 
 _TAKEN_WITHIN_S = 5.0
 _LOOK_EVERY_S = 0.1
@@ -17,8 +17,13 @@ _LOOK_EVERY_S = 0.1
 
 @click.command("note")
 @click.argument("text")
+@click.option(
+    "--mount",
+    is_flag=True,
+    help="The mount was touched: answers of the minute before and after are left out, with how far off they were.",
+)
 @click.argument("path", metavar="[FOLDER]", type=click.Path(path_type=Path), default=Path("sessions"))
-def command(*, text: str, path: Path) -> None:
+def command(*, text: str, path: Path, mount: bool) -> None:
     """Record TEXT as a note in the running session, with its time; the report shows it.
 
     FOLDER is the session's, or the --out that it was started with.
@@ -26,7 +31,7 @@ def command(*, text: str, path: Path) -> None:
     from gse.sessions.status_file import is_running
 
     try:
-        line = note_text(text)
+        line = note_text(f"{OF_MOUNT} {text}" if mount else text)
     except ValueError as error:
         raise UsageError(str(error)) from error
     folder, status = newest_session(path)

@@ -155,7 +155,8 @@ leave_out_option: Callable[[Any], Any] = click.option(
     "excluded",
     multiple=True,
     callback=lambda ctx, param, value: _exclusions(value),
-    help="Time to leave out of the statistics, with the reason: 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds",
+    help="Time in which no answer is expected, with the reason: 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds. "
+    "Answers that were given are judged all the same, but where the mount was touched: =mount: kicked",
 )
 earth_orientation_option: Callable[[Any], Any] = click.option(
     "--earth-orientation",

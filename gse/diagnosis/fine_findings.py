@@ -156,7 +156,7 @@ def without_shaking(found: tuple[Finding, ...], session: SessionData) -> tuple[F
 _CALIBRATE = "gse calibrate SESSION --write FILE"
 _ALIGN = "gse align SESSION --write FILE"
 _SYNC = "see whether the clock is synchronised: gse preflight; then repeat the session"
-_LEAVE_OUT = "fix the mount; judge the rest of the session: gse report SESSION --leave-out FROM/TO=moved"
+_LEAVE_OUT = 'fix the mount; judge the rest of the session: gse report SESSION --leave-out "FROM/TO=mount: moved"'
 _STEP_OF_TAGS = "a step of the sensor's own time tags, or its restart: the time of a raw capture is made of them"
 _SIGMAS = 3.0
 _LATENCY_S = 2.5

@@ -31,9 +31,9 @@ from gse.values.text import count_text, percent
 # The link detects repeated frames with one time tag (FROZEN); this sensor counts on and sends its last picture again.
 # Errors then grow with the Earth's turn, which looks like a driven mount or a mount that moves.
 
-_FEWEST = 10
-_LEAST_MOVED_PX = 5.0
-"""Whole pixels of a bright star stay the same while the sky moves by one."""
+_FEWEST = 5
+_LEAST_MOVED_PX = 2.0
+"""Whole pixels of a star stay the same while the sky moves by one: by two, none does."""
 
 
 def still_panoramas(session: SessionData) -> Finding | None:

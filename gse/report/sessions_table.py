@@ -151,6 +151,8 @@ _BY_KEY = (
     "counted",
     "own",
     "own_counted",
+    "answers_excluded",
+    "incidents",
     "arrival_ms",
 )
 """Fields of Statistics that are not plain values: they have columns of their own."""

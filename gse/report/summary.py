@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
 from gse.station.session_data import SessionData
-from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Row
+from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Row
 from gse.statistics.decision import Row as DecisionRow
+from gse.statistics.excuses import excusing
+from gse.statistics.incidents import Incident
 from gse.statistics.metrics import metrics
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
@@ -101,7 +103,11 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "table_4_1": table_4_1([(session.station.sensor.name, stats)]),
         "sky": _sky(session),
         "sensor_health": assessment.health,
-        "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
+        "exclusions": [
+            {**_exclusion(item, count), "answers": answers}
+            for (item, count), answers in zip(stats.exclusions, stats.answers_excluded, strict=True)
+        ],
+        "incidents": [_incident(one) for one in stats.incidents],
         "session": _session(session),
     }
     external = external_identifier(session)
@@ -225,6 +231,19 @@ def _exclusion(item: Any, count: int) -> dict[str, Any]:
         "cause": item.cause,
         "reason": item.reason,
         "frames": count,
+        "takes_answers_out": bool(excusing(Claim.ACCURACY, [item])),
+    }
+
+
+def _incident(one: Incident) -> dict[str, Any]:
+    return {
+        "subject": one.subject,
+        "from": instant.to_text(one.from_ns),
+        "until": instant.to_text(one.until_ns),
+        "what": one.what,
+        "frames": one.frames,
+        "stretches": one.stretches,
+        "worst_arcsec": one.worst_arcsec,
     }
 
 

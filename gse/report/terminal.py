@@ -112,7 +112,8 @@ def facts(report: dict[str, Any]) -> list[str]:
     if is_simple(report):
         lines.insert(0, "decision: simple: the value alone decides, uncertainty does not count")
     lines += sky_lines(report["sky"])
-    lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
+    lines += [f"excluded: {exclusion_line(item)}" for item in report["exclusions"]]
+    lines += [f"seen: {incident_line(item)}" for item in report["incidents"]]
     lines += [f"also: {line}" for line in further_lines(report)]
     if link["truncated"]:
         lines.append("the session is damaged or lost its end: this covers what is left of it")
@@ -125,6 +126,26 @@ def further_lines(report: dict[str, Any]) -> list[str]:
     said = tuple(text for text in (told["reason"], told["cause"], told["note"]) if text)
     lines = dict.fromkeys(line.removeprefix(SET_UP) for line in (*report["reasons"], *report["findings"]))
     return [line for line in lines if not line.startswith(said)]  # the conclusion says a cause without its next step
+
+
+def exclusion_line(item: dict[str, Any]) -> str:
+    """A stretch that was left out: when, why, and how far off the answers in it were."""
+    line = f"{item['frames']} frames from {item['from'][:19]}Z, {item['cause']}: {item['reason']}"
+    for one in item["answers"]:
+        taken = "taken out" if item["takes_answers_out"] else "judged all the same"
+        off = ""
+        if one["compared"]:
+            off = f", {_amount(one['mean_arcsec'])} off in the mean and {_amount(one['worst_arcsec'])} at worst"
+        line += f"; {one['answers']} answers of {one['subject']} in it are {taken}{off}"
+    return line
+
+
+def incident_line(item: dict[str, Any]) -> str:
+    """Something that a reader must know of: when, for how long, and how much."""
+    many = f" in {item['stretches']} stretches" if item["stretches"] > 1 else ""
+    until = "" if item["until"] == item["from"] else f" to {item['until'][:19]}Z"
+    worst = "" if item["worst_arcsec"] is None else f", up to {_amount(item['worst_arcsec'])} off"
+    return f"{item['subject']}: {item['what']} in {item['frames']} frames{many}, {item['from'][:19]}Z{until}{worst}"
 
 
 def external_lines(program: dict[str, Any] | None) -> list[str]:

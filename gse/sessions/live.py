@@ -41,7 +41,7 @@ from gse.sessions.status_file import StatusFile
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
-from gse.station.notes import Notes
+from gse.station.notes import Notes, event_of
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed, check_external, set_up
 from gse.truth import EarthOrientation
@@ -330,7 +330,7 @@ class _DerivedDataRecorder:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
             for text in self._operator.notes.take():
-                self._event(StationKind.NOTE, text)
+                self._event(*event_of(text))
         self._read_clock()
 
     def take_screen(self, utc_ns: int) -> None:

@@ -43,6 +43,7 @@ class StationKind(StrEnum):
     SCREEN_SHOWS = "SCREEN_SHOWS"
     SCREEN_LOST = "SCREEN_LOST"
     SCREEN_LATE = "SCREEN_LATE"
+    MOUNT_TOUCHED = "MOUNT_TOUCHED"
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,8 @@ from gse.values.shown import ShownSky
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""
+AROUND_TOUCH_NS = 60 * NS_PER_S
+"""On either side of a note that the mount was touched: it is written before or after."""
 _SETTLES_WITHIN_NS = 30 * NS_PER_S
 _LATE_NS = 20_000_000
 """A third of an arcsecond of the sky, and the latency that a USB adapter may have."""
@@ -63,6 +65,14 @@ class Exclusion:
     reason: str
     cause: Cause
     time_error_s: float = 0.0
+
+
+def mount_touched(events: Iterable[LinkEvent]) -> Iterator[Exclusion]:
+    """The minute before and after each time at which the operator touched the mount."""
+    for event in events:
+        if event.kind == StationKind.MOUNT_TOUCHED:
+            from_ns, until_ns = max(event.utc_ns - AROUND_TOUCH_NS, 0), min(event.utc_ns + AROUND_TOUCH_NS, LAST_NS)
+            yield Exclusion(from_ns, until_ns, event.text, Cause.MOUNT)
 
 
 def exclusions(events: Iterable[LinkEvent], frames: Columns) -> tuple[Exclusion, ...]:

@@ -1,13 +1,18 @@
 """Notes of the operator on a running session, on their way to the loop.
 
-A note comes from the glance page or from ``gse note``; the loop fetches it and makes it an event NOTE. Both sides only
-append to and take from a bounded queue: neither waits for the other.
+A note comes from the glance page or from ``gse note``; the loop fetches it and makes it an event NOTE, or MOUNT_TOUCHED
+where it says that the mount was touched. Both sides only append to and take from a bounded queue: neither waits for the
+other.
 """
 
 import queue
 
+from gse.station.events import StationKind
+
 MOST_CHARACTERS = 280
 MOST_WAITING = 20
+OF_MOUNT = "mount:"
+"""With this begins a note that the mount was touched."""
 
 
 class Notes:
@@ -42,3 +47,10 @@ def note_text(text: str) -> str:
     if len(line) > MOST_CHARACTERS:
         raise ValueError(f"the note has {len(line)} characters; expected {MOST_CHARACTERS} at most")
     return line
+
+
+def event_of(line: str) -> tuple[StationKind, str]:
+    """Kind and text of the event that a note makes."""
+    if not line.startswith(OF_MOUNT):
+        return StationKind.NOTE, line
+    return StationKind.MOUNT_TOUCHED, line.removeprefix(OF_MOUNT).strip() or "the mount was touched"

@@ -189,7 +189,14 @@ def condition_of(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> S
         least = max(FEW_SHARE, _least_share(was_clouded) * clear.seen_share)
         if found.misses_stars and _share_under_cloud(found, clear) < least:
             return SkyCondition.CLOUDED
-    return SkyCondition.CLEAR
+    return SkyCondition.DAYLIGHT if hides_stars(found, clear) else SkyCondition.CLEAR
+
+
+def hides_stars(found: SkyEvidence, clear: ClearSky) -> bool:
+    """Whether a bright sky shows far fewer stars than the dark part of the session, where that is known."""
+    if found.lights.is_dark or found.expected < FEWEST_EXPECTED:
+        return False
+    return found.seen_share < DOUBTFUL_SHARE * clear.seen_share
 
 
 def _least_share(was_clouded: bool) -> float:

@@ -11,6 +11,7 @@ What only stands in the way of PASS, though no row fails, is in gse.verdict.obst
 these excuses nothing.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -20,26 +21,28 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkKind
 from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
-from gse.station.exclusions import Cause, Exclusion, exclusions, scene_changes, screen_lost
+from gse.station.exclusions import Cause, Exclusion, exclusions, mount_touched, scene_changes, screen_lost
 from gse.station.frame_columns import Columns, InOrder
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
 from gse.station.session_data import SessionData
-from gse.station.sky_condition import FEWEST_EXPECTED, FEWEST_OBJECTS, SUN_LIMIT_DEG
+from gse.station.sky_condition import CLEARED_MAG, FEWEST_EXPECTED, FEWEST_OBJECTS, SUN_LIMIT_DEG
 from gse.statistics.decision import Claim, Outcome, Row, Share
 from gse.statistics.low_field import air_in_field, only_reference_answers
 from gse.truth.solar_system import sun_altitude_deg
 from gse.values.instant import NS_PER_S
 from gse.values.site import Site
 
-# Stretches in which there was no sky to see: cloud, cover, daylight.
+# Stretches in which there was no sky to see: twilight and daylight, cloud, cover.
 #
-# A stretch counts as such only where the reference identifier finds no star either, for ten seconds or longer (or in
-# all
-# of a shorter session), and where something else shows the reason: the Sun, empty panoramas, or stars that faded
-# before
-# or after. A sensor that fails under a clear, dark sky is not excused. Empty panoramas have a cause of their own: a
-# blind
-# sensor sends them too.
+# Twilight is one from the first to the last frame in which the Sun stands above SUN_LIMIT_DEG and fewer stars are seen
+# than the dark part of the session makes expected, by more than its noise. A twilight in which all of them are seen
+# counts as night. A cloud is a stretch whose sky the stars themselves show to be clouded (gse.station.sky_condition).
+#
+# Where neither identifier finds a star for ten seconds or longer (or in all of a shorter session), something else must
+# show the reason: the Sun, empty panoramas, or stars that faded before or after. A sensor that fails under a clear and
+# dark sky is not excused. Empty panoramas have a cause of their own: a blind sensor sends them too.
+#
+# Absences at the edge of a stretch belong to it: a cloud that closes, a twilight that deepens.
 
 FADED_MAG = 1.0
 """Stars that are fainter by this much than in the clear part of the session are behind cloud."""
@@ -55,19 +58,156 @@ MISSING_SHARE = 0.5
 _CLEAR_PERCENTILE = 90.0
 
 
+_EDGE_NS = 10 * NS_PER_S
+"""Two windows of the sky's condition: so far beyond a stretch its edge may reach."""
+_BLOCK_NS = 30 * NS_PER_S
+"""Stars come and go at the edge of a field within seconds: half a minute tells what share of them is seen."""
+_FEWEST_BLOCKS = 4
+_FEWER, _FEWER_SIGMAS = 0.1, 3.0
+"""In twilight fewer stars are seen where this share of the usual ones is missing, and as many standard deviations."""
+
+
 def no_sky(frames: Columns, site: Site) -> tuple[Exclusion, ...]:
     """The stretches of frames (rows of FRAME, any order) without a sky; each with its reason in words."""
     if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock
         frames = InOrder(frames, np.argsort(frames["utc_ns"], kind="stable"))
-    return tuple(_explained(frames, site))
+    found: list[_Stretch] = []
+    for stretch in (*_twilights(frames), *_clouds(frames), *_explained(frames, site)):
+        _add(found, _with_edges(stretch, frames), frames)
+    return tuple(_exclusion(stretch, frames) for stretch in sorted(found, key=lambda one: one.first))
 
 
-def _explained(frames: Columns, site: Site) -> Iterator[Exclusion]:
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """Rows of the frames from the first to the last, and why; ``says`` is the reason but for its duration."""
+
+    first: int
+    last: int
+    cause: Cause
+    says: str
+
+
+def _add(found: list[_Stretch], stretch: _Stretch, frames: Columns) -> None:
+    """Add a stretch, or join it with one before it that it meets, whose reason stands."""
+    utc_ns, bridged_ns = frames["utc_ns"], _bridged_ns(frames)
+    for place, one in enumerate(found):
+        apart_ns = max(utc_ns[stretch.first] - utc_ns[one.last], utc_ns[one.first] - utc_ns[stretch.last])
+        if apart_ns <= bridged_ns:
+            first, last = min(one.first, stretch.first), max(one.last, stretch.last)
+            found[place] = replace(one, first=first, last=last)
+            return
+    found.append(stretch)
+
+
+def _with_edges(stretch: _Stretch, frames: Columns) -> _Stretch:
+    """The stretch with the absences that go on at its edges."""
+    utc_ns, near, bridged_ns = frames["utc_ns"], _beyond(frames, stretch), _bridged_ns(frames)
+    first, last = stretch.first, stretch.last
+    absent = near.start + np.flatnonzero(frames["status"][near] != STATUSES.index(Status.IDENTIFIED))
+    for row in absent[absent > last].tolist():
+        if utc_ns[row] - utc_ns[last] > bridged_ns:
+            break
+        last = row
+    for row in absent[absent < first][::-1].tolist():
+        if utc_ns[first] - utc_ns[row] > bridged_ns:
+            break
+        first = row
+    return replace(stretch, first=first, last=last)
+
+
+def _beyond(frames: Columns, stretch: _Stretch) -> slice:
+    """The rows of a stretch and of its edges."""
     utc_ns = frames["utc_ns"]
+    first = np.searchsorted(utc_ns, utc_ns[stretch.first] - _EDGE_NS)
+    last = np.searchsorted(utc_ns, utc_ns[stretch.last] + _EDGE_NS, side="right")
+    return slice(int(first), int(last))
+
+
+def _exclusion(stretch: _Stretch, frames: Columns) -> Exclusion:
+    utc_ns = frames["utc_ns"]
+    duration_s = float(utc_ns[stretch.last] - utc_ns[stretch.first] + _exposure_ns(frames, stretch.last)) / NS_PER_S
+    reason = stretch.says.format(duration=f"{duration_s:.0f} s")
+    return Exclusion(int(utc_ns[stretch.first]), int(utc_ns[stretch.last]) + 1, reason, stretch.cause)
+
+
+# Twilight
+
+
+def _twilights(frames: Columns) -> Iterator[_Stretch]:
+    """From the first to the last row of each twilight in which fewer stars are seen than in the dark."""
+    if not len(frames) or not (frames["sun_altitude_deg"] > SUN_LIMIT_DEG).any():
+        return
+    block, share, is_light = _star_shares(frames)
+    usual = _usual_share(share, is_light)
+    fewer = is_light & (share < usual)
+    for part in np.split(np.arange(len(share)), np.flatnonzero(np.diff(is_light)) + 1):
+        few = part[fewer[part]]
+        if not len(few):
+            continue
+        rows = np.flatnonzero((block >= few[0]) & (block <= few[-1]))
+        first, last = int(rows[0]), int(rows[-1])
+        seen, expected = (float(frames[name][first : last + 1].mean()) for name in ("stars_seen", "stars_expected"))
+        sun = _sun_words(frames["sun_altitude_deg"][[first, last]])
+        stars = f"{seen:.0f} of {expected:.0f} expected stars are seen"
+        yield _Stretch(first, last, Cause.NO_SKY, f"{sun}: no dark sky for {{duration}}, {stars}")
+
+
+def _star_shares(frames: Columns) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+    """The block of each frame (M,); of each block the share of the expected stars that is seen, and if it is light.
+
+    NaN where nothing is expected, as of a sensor that sends no panoramas.
+    """
+    utc_ns = frames["utc_ns"]
+    block = np.unique((utc_ns - utc_ns[0]) // _BLOCK_NS, return_inverse=True)[1]
+    count = np.bincount(block)
+    expected = np.bincount(block, frames["stars_expected"])
+    seen = np.bincount(block, np.minimum(frames["stars_seen"], np.nan_to_num(frames["stars_expected"])))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(expected >= FEWEST_OBJECTS * count, seen / expected, np.nan)
+    light = np.bincount(block, frames["sun_altitude_deg"] > SUN_LIMIT_DEG)
+    return block, share, np.asarray(2 * light > count)
+
+
+def _usual_share(share: NDArray[np.float64], is_light: NDArray[np.bool_]) -> float:
+    """The least share of stars that is no fewer than in the dark; than in the lightest part, where nothing is dark."""
+    dark, known = share[~is_light & np.isfinite(share)], share[np.isfinite(share)]
+    if len(dark) < _FEWEST_BLOCKS:
+        return (1 - _FEWER) * float(np.percentile(known, _CLEAR_PERCENTILE)) if len(known) else math.nan
+    usual = float(np.median(dark))
+    spread = float(np.median(np.abs(dark - usual))) / 0.6745
+    return usual - max(_FEWER * usual, _FEWER_SIGMAS * spread)
+
+
+def _sun_words(altitudes_deg: NDArray[np.float32]) -> str:
+    one, other = (f"{abs(deg):.0f} deg {'above' if deg >= 0 else 'below'}" for deg in altitudes_deg.tolist())
+    return f"Sun {one} the horizon" if one == other else f"Sun {one} to {other} the horizon"
+
+
+# Cloud
+
+
+def _clouds(frames: Columns) -> Iterator[_Stretch]:
+    """Stretches whose stars are too faint or too few: cloud, haze or dew."""
+    clouded = np.flatnonzero(frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLOUDED))
+    utc_ns = frames["utc_ns"]
+    for part in np.split(clouded, np.flatnonzero(np.diff(utc_ns[clouded]) > _bridged_ns(frames)) + 1):
+        if not len(part):
+            continue
+        light = frames["transparency"][part[0] : part[-1] + 1]
+        light = light[np.isfinite(light)]
+        faded_mag = -2.5 * math.log10(max(float(light.min()), 1e-8)) if len(light) else 0.0
+        words = f"stars up to {faded_mag:.1f} mag too faint" if faded_mag >= CLEARED_MAG else "too few stars"
+        yield _Stretch(int(part[0]), int(part[-1]), Cause.NO_SKY, f"{words}: cloud, haze or dew for {{duration}}")
+
+
+# Blind
+
+
+def _explained(frames: Columns, site: Site) -> Iterator[_Stretch]:
     for first, last in _blind_stretches(frames):
         found = _reason(frames, first, last, site)
         if found is not None:
-            yield Exclusion(int(utc_ns[first]), int(utc_ns[last]) + 1, found[1], found[0])
+            yield _Stretch(first, last, *found)
 
 
 def _blind_stretches(frames: Columns) -> Iterator[tuple[int, int]]:
@@ -77,9 +217,7 @@ def _blind_stretches(frames: Columns) -> Iterator[tuple[int, int]]:
     )
     blind = np.flatnonzero(~seen)
     utc_ns = frames["utc_ns"]
-    step_ns = float(np.median(np.diff(utc_ns))) if len(utc_ns) > 1 else 0.0
-    bridged_ns = max(_BRIDGED_NS, _BRIDGED_FRAMES * step_ns)
-    for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > bridged_ns) + 1):
+    for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > _bridged_ns(frames)) + 1):
         if not len(part):
             continue
         long = utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames, part[-1]) >= MIN_STRETCH_NS
@@ -87,36 +225,42 @@ def _blind_stretches(frames: Columns) -> Iterator[tuple[int, int]]:
             yield int(part[0]), int(part[-1])
 
 
+def _bridged_ns(frames: Columns) -> float:
+    """The longest time within a stretch that does not end it."""
+    utc_ns = frames["utc_ns"]
+    step_ns = float(np.median(np.diff(utc_ns))) if len(utc_ns) > 1 else 0.0
+    return max(_BRIDGED_NS, _BRIDGED_FRAMES * step_ns)
+
+
 def _reason(frames: Columns, first: int, last: int, site: Site) -> tuple[Cause, str] | None:
     """Why there was no sky from one row to another; None where no evidence shows it."""
     part, utc_ns = slice(first, last + 1), frames["utc_ns"]
     middle_ns = int(utc_ns[first + (last + 1 - first) // 2])
-    duration_s = float(utc_ns[last] - utc_ns[first] + _exposure_ns(frames, last)) / NS_PER_S
     sun_deg = sun_altitude_deg(site, middle_ns)
     if sun_deg > SUN_LIMIT_DEG:
         side = "above" if sun_deg >= 0 else "below"
-        return Cause.NO_SKY, f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {duration_s:.0f} s"
+        return Cause.NO_SKY, f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {{duration}}"
     if (frames["status"][part] == STATUSES.index(Status.SENSOR_FAULT)).any():
         return None  # only daylight explains an overexposed detector
     faded_mag = _faded_mag(frames, first, last)
     if faded_mag >= FADED_MAG:
-        return Cause.NO_SKY, f"stars {faded_mag:.1f} mag too faint: cloud for {duration_s:.0f} s"
+        return Cause.NO_SKY, f"stars {faded_mag:.1f} mag too faint: cloud for {{duration}}"
     if _missing(frames, first, last):
-        return Cause.NO_SKY, f"less than half of the stars just before or after: cloud for {duration_s:.0f} s"
+        return Cause.NO_SKY, "less than half of the stars just before or after: cloud for {duration}"
     most = int(np.percentile(frames["objects"][part], _CLEAR_PERCENTILE))
     if most < FEWEST_OBJECTS:
-        return Cause.NO_OBJECTS, _few_objects(most, duration_s, float(np.median(frames["stars_expected"][part])))
+        return Cause.NO_OBJECTS, _few_objects(most, float(np.median(frames["stars_expected"][part])))
     return None
 
 
-def _few_objects(most: int, duration_s: float, expected: float) -> str:
+def _few_objects(most: int, expected: float) -> str:
     """Too few objects for an answer, with what may be the reason."""
     objects = "no object at all" if most == 0 else f"at most {most} object{'' if most == 1 else 's'}"
     stars = f", {expected:.0f} star{' is' if expected == 1 else 's are'} expected" if expected >= 0 else ""
     reason = "lens cap, cover or overcast" if most == 0 else "cloud, a cover, or a sensor that sends too few objects"
     if 0 <= expected < FEWEST_OBJECTS:
         reason = "the field has too few stars to be identified"
-    return f"{objects} for {duration_s:.0f} s{stars}: {reason}"
+    return f"{objects} for {{duration}}{stars}: {reason}"
 
 
 def _exposure_ns(frames: Columns, row: int) -> int:
@@ -248,6 +392,10 @@ def _stated(session: SessionData) -> Iterable[Exclusion]:
     return session.excluded
 
 
+def _touched(session: SessionData) -> Iterable[Exclusion]:
+    return mount_touched(session.events)
+
+
 def _mistake_of(mistaken: Mistaken) -> Callable[[Evidence, Row], str]:
     def seen(evidence: Evidence, row: Row) -> str:
         mistake = evidence.mistake
@@ -307,7 +455,7 @@ LEFT_OUT = (
     LeftOut(Cause.SCENE_CHANGE, _between_scenes, _ANY, "it was exposed while the screen changed its scene"),
     LeftOut(Cause.SCREEN_LOST, _between_scenes, _ANY, "the page was closed, hidden, or of another size"),
     LeftOut(Cause.OPERATOR, _stated, _ABSENCE, "left out by the operator, who says why"),
-    LeftOut(Cause.MOUNT, _stated, _ANY, "the mount was touched, as the operator says, so that truth is not known"),
+    LeftOut(Cause.MOUNT, _touched, _ANY, "the mount was touched, as the operator says, so that truth is not known"),
 )
 
 LOST_STATION = Excuse(

@@ -14,6 +14,7 @@ from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.counted_frames import CountedFrames, counted_frames, own_counted
+from gse.statistics.incidents import AnswersWithin, Incident, answers_within, incidents
 from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.statistics.sampling import Percentiles
 from gse.statistics.sensor_convention import ConventionSearch, is_wrong, session_convention
@@ -33,7 +34,8 @@ class Statistics:
     there where panoramas came, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
     ``own`` are the sensor's answers beside panoramas, which ``own_counted`` counts, ``convention`` what its answers
     show of their convention: where another one is stated, no error of theirs is computed. ``spatial``
-    are the errors of single stars along columns and rows, None of too few stars.
+    are the errors of single stars along columns and rows, None of too few stars. For each of the ``exclusions``
+    there are ``answers_excluded`` that were given in it.
     """
 
     frames: int
@@ -48,6 +50,8 @@ class Statistics:
     spatial: tuple[SpatialErrors, SpatialErrors] | None
     exclusions: tuple[tuple[Exclusion, int], ...]
     counted: CountedFrames
+    answers_excluded: tuple[tuple[AnswersWithin, ...], ...] = ()
+    incidents: tuple[Incident, ...] = ()
     own: SensorAnswers | None = None
     own_counted: CountedFrames | None = None
     convention: ConventionSearch | None = None
@@ -84,6 +88,9 @@ def statistics(session: SessionData) -> Statistics:
             counted_own = counted_own.uncompared()
         answers = _sensor(own, counted_own)
         subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, limit_ms, field_rad)
+    given = {session.subject: (counted, _of_frames(session, counted).columns)}
+    if own is not None and counted_own is not None:
+        given[Subject.SENSOR] = counted_own, _sensor(own, counted_own).columns
     if session.station.mount.inertial is not None:
         subjects = {name: replace(subject, earth_rate=NO_EARTH_RATE) for name, subject in subjects.items()}
     return Statistics(
@@ -99,6 +106,12 @@ def statistics(session: SessionData) -> Statistics:
         spatial=_spatial(session, counted),
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
+        answers_excluded=answers_within(given, frames["utc_ns"]),
+        incidents=tuple(
+            incident
+            for subject, (one, columns) in given.items()
+            for incident in incidents(subject, frames, columns, one, session.station.limits)
+        ),
         own=own,
         own_counted=counted_own,
         convention=convention,

@@ -118,10 +118,11 @@ def _much_excluded(session: SessionData, stats: Statistics) -> Iterator[str]:
 
 
 def _little_sky(session: SessionData, stats: Statistics) -> Iterator[str]:
-    """No sky for most of the session, or empty panoramas on which the availability depends."""
-    utc_ns = session.frames.columns["utc_ns"]
-    stretches = [item for item in stats.counted.exclusions if item.cause in (Cause.NO_SKY, Cause.NO_OBJECTS)]
-    count = int(excluded(utc_ns, stretches).sum())
+    """No sky and no answer for most of the session, or empty panoramas on which the availability depends."""
+    utc_ns, counted = session.frames.columns["utc_ns"], stats.counted
+    stretches = [item for item in counted.exclusions if item.cause in (Cause.NO_SKY, Cause.NO_OBJECTS)]
+    answered = counted.answered | stats.own_counted.answered if stats.own_counted else counted.answered
+    count = int((excluded(utc_ns, stretches) & ~answered).sum())
     words = "; ".join(dict.fromkeys(item.reason for item in stretches[:3]))
     if count > stats.frames / 2:
         yield f"no sky in {count} of {stats.frames} frames: {words}"

@@ -383,7 +383,8 @@ at("tone").onclick = () => {
 };
 at("note").onsubmit = async (event) => {
   event.preventDefault();
-  const text = at("note-text").value;
+  const touched = event.submitter && event.submitter.value === "mount";
+  const text = (touched ? "mount: " : "") + at("note-text").value;
   const send = () => fetch("note", {method: "POST", body: JSON.stringify({text}),
     headers: {"Content-Type": "application/json", "X-Gse-Token": givenToken}});
   try {

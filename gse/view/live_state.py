@@ -371,7 +371,7 @@ class LiveState:
         self.page: str | None = None
         self._displays: list[Display] = []
         self._own = NewOwnErrors()
-        self._events = EventLines(frozenset({StationKind.NOTE}))
+        self._events = EventLines(frozenset({StationKind.NOTE, StationKind.MOUNT_TOUCHED}))
         self._said = ""
         self._readings = 0
         self._due_ns = 0

@@ -57,6 +57,7 @@ _GOOD_EVENTS = {
     StationKind.CLOSED,
     StationKind.ALIGNED,
     StationKind.NOTE,
+    StationKind.MOUNT_TOUCHED,
     StationKind.CLEAR,
     StationKind.DARK_NIGHT,
     RecorderKind.FILE_RESTORED,
@@ -98,7 +99,7 @@ class Scene:
         self._picture = Picture(station.sensor.camera(), station.sensor.index_max, catalog)
         self._track: list[NDArray[np.void]] = []
         self._status: Status | None = None
-        self._events = EventLines(frozenset({StationKind.NOTE}))
+        self._events = EventLines(frozenset({StationKind.NOTE, StationKind.MOUNT_TOUCHED}))
         self._number = 0
         self._laid_out = 0
         self._frames = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)

@@ -28,7 +28,13 @@ from gse.view.verdict_text import clock_health, percent
 _ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
 """Routine events: announced once, left out of the repeat counts."""
 
-_EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED", StationKind.FINDING, StationKind.NOTE}
+_EACH_TIME = {
+    "RECORDER_REFUSED",
+    "RECORDER_RECOVERED",
+    StationKind.FINDING,
+    StationKind.NOTE,
+    StationKind.MOUNT_TOUCHED,
+}
 """Announced each time, because data may be lost, or because each is another; their makers limit their number."""
 
 

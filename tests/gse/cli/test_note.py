@@ -42,6 +42,11 @@ def test_a_note_reaches_the_running_session_and_leaves_no_file(folder: Path, not
     assert not list(folder.glob("*note-*"))
 
 
+def test_a_note_that_the_mount_was_touched_says_so(folder: Path, notes: Notes) -> None:
+    CliRunner().invoke(command, ["--mount", "kicked the tripod", str(folder)], catch_exceptions=False)
+    assert notes.take() == ["mount: kicked the tripod"]
+
+
 def test_a_session_that_has_ended_takes_no_note(folder: Path, notes: Notes) -> None:
     status = StatusFile(folder, LiveState(parse_station(BUILT_IN_TEXT)), notes)
     status.close(0)

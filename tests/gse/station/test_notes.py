@@ -2,7 +2,7 @@
 
 import pytest
 
-from gse.station.notes import MOST_CHARACTERS, Notes, note_text
+from gse.station.notes import MOST_CHARACTERS, Notes, event_of, note_text
 
 
 def test_notes_are_fetched_once_in_their_order_and_too_many_are_refused():
@@ -23,3 +23,16 @@ def test_a_note_has_280_characters_at_most():
         note_text("x" * 281)
     with pytest.raises(ValueError, match="the note is empty"):
         note_text(" \n ")
+
+
+@pytest.mark.parametrize(
+    ("line", "event"),
+    [
+        ("clouds from the west", ("NOTE", "clouds from the west")),
+        ("mount: kicked", ("MOUNT_TOUCHED", "kicked")),
+        ("mount:", ("MOUNT_TOUCHED", "the mount was touched")),
+        ("the mount: still", ("NOTE", "the mount: still")),
+    ],
+)
+def test_a_note_of_the_mount_is_an_event_of_its_own(line, event):
+    assert event_of(line) == event

@@ -67,7 +67,9 @@ EMPTY = replace(FULL, shows_stars=False, seen_share=math.nan, objects=0.0, zero_
         (CLEAR, {"seen_share": MISSING_SHARE * 0.9 - 0.005}, CLOUDED),
         (CLOUDED, {"seen_share": BACK_SHARE * 0.9 + 0.01}, CLEAR),
         (CLOUDED, {"seen_share": BACK_SHARE * 0.9 - 0.01}, CLOUDED),
-        (CLEAR, {"seen_share": 0.1, "lights": TWILIGHT}, CLEAR),
+        (CLEAR, {"seen_share": 0.71, "lights": TWILIGHT}, DAYLIGHT),
+        (CLEAR, {"seen_share": 0.73, "lights": TWILIGHT}, CLEAR),
+        (CLEAR, {"seen_share": 0.1, "lights": TWILIGHT, "expected": FEWEST_EXPECTED - 1.0}, CLEAR),
         (CLEAR, {"seen_share": 0.1, "expected": FEWEST_EXPECTED - 1.0}, CLEAR),
         (CLEAR, {"seen_share": 0.1, "expected": FEWEST_EXPECTED}, CLOUDED),
         # Missing stars that are there as objects: a share of the 24, or at least some.

@@ -8,6 +8,7 @@ from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14
 from skies.known_nights import START_NS, STATION, frame, session
 from skies.one_by_one import Made, add_frame
 
+from drivers.chunk import LinkEvent
 from gse.diagnosis.plain_findings import time_tag_faults
 from gse.errors import UsageError
 from gse.station.columns import ANSWER_CHECKS, STATUSES
@@ -410,6 +411,20 @@ def test_a_pause_that_the_operator_leaves_out_is_not_missing():
 
 def pause(from_s, until_s):
     return Exclusion(START_NS + round(from_s * NS_PER_S), START_NS + round(until_s * NS_PER_S), "", Cause.OPERATOR)
+
+
+# The mount
+
+
+def test_a_note_that_the_mount_was_touched_takes_the_answers_of_a_minute_on_either_side_out():
+    made = session(3000)
+    made.frames.columns["d_de_arcsec"][1600:1650] = 5000.0
+    made.events.append(LinkEvent(START_NS + 150 * NS_PER_S, 0, StationKind.MOUNT_TOUCHED, "kicked the tripod"))
+    stats = statistics(made)
+    ((stretch, count),) = stats.exclusions
+    assert (stretch.cause, stretch.reason, count) == (Cause.MOUNT, "kicked the tripod", 1200)
+    assert stats.onboard.axes["d_de"].n == stats.onboard.available.of == 1800
+    assert stats.onboard.axes["d_de"].max_abs_arcsec < 100
 
 
 # Clock steps

@@ -406,3 +406,108 @@ def test_the_same_instant_twice_is_no_order():
     """A step of the clock turns the order, a pause of it does not."""
     made = few([*np.arange(40.0), *np.repeat(40.0 + np.arange(11.0), 2), 60.0], range(40, 62), objects=0)
     assert stretches_s(made) == [(40.0, 50.0)]
+
+
+# Twilight, cloud, and their edges
+
+
+def dusk(count=3600, *, dark_from=1800, least=0):
+    """An hour at 1 Hz: the stars come out one by one until it is dark, 18 of 20."""
+    made = few(np.arange(float(count)))
+    made["stars_seen"] = np.minimum(18, least + 18 * np.arange(count) // dark_from)
+    made["sun_altitude_deg"] = np.linspace(-4.0, -20.0, count)
+    return made
+
+
+def test_twilight_is_left_out_until_as_many_stars_are_seen_as_in_the_dark():
+    """17 of 18, from 1700 s on; 16 are too few, by half minutes."""
+    made = dusk()
+    ((item,), (first_s, last_s)) = no_sky(made, STATION.site), stretches_s(made)[0]
+    assert item.cause is Cause.NO_SKY
+    assert (first_s, last_s) == (0.0, 1679.0)
+    assert (
+        item.reason
+        == "Sun 4 deg below to 11 deg below the horizon: no dark sky for 1680 s, 8 of 20 expected stars are seen"
+    )
+
+
+def test_a_twilight_in_which_all_stars_are_seen_is_night():
+    assert found(dusk(least=18)) == []
+
+
+def test_dawn_is_left_out_from_the_first_frame_that_shows_fewer_stars_to_the_last():
+    made = dusk()
+    for name in ("stars_seen", "sun_altitude_deg"):
+        made[name] = made[name][::-1].copy()
+    assert stretches_s(made) == [(1920.0, 3599.0)]
+
+
+def test_as_many_stars_as_the_noise_of_the_dark_part_allows_are_no_fewer():
+    rng = np.random.default_rng(3)
+    made = dusk(least=18)
+    made["stars_seen"] = np.repeat(rng.integers(9, 19, 120), 30)
+    assert found(made) == []
+    made["stars_seen"][:300] = 2
+    assert stretches_s(made) == [(0.0, 299.0)]
+
+
+def test_where_nothing_is_dark_the_lightest_part_tells_what_is_usual():
+    made = dusk(1800)
+    made["sun_altitude_deg"] = -10.0
+    assert stretches_s(made) == [(0.0, pytest.approx(1450.0, abs=60))]
+
+
+def test_a_sensor_that_sends_no_panoramas_shows_no_twilight_by_its_stars():
+    made = dusk()
+    made["stars_seen"], made["stars_expected"] = 0, np.nan
+    assert found(made) == []
+
+
+def clouded(first, last, made=None, *, light=0.3):
+    made = few(np.arange(400.0)) if made is None else made
+    made["sky_condition"][first:last] = SKY_CONDITIONS.index(SkyCondition.CLOUDED)
+    made["transparency"] = 1.0
+    made["transparency"][first:last] = light
+    return made
+
+
+def test_a_cloud_is_left_out_though_every_frame_is_answered():
+    made = clouded(100, 160)
+    assert found(made) == [(Cause.NO_SKY, "stars up to 1.3 mag too faint: cloud, haze or dew for 60 s")]
+    assert stretches_s(made) == [(100.0, 159.0)]
+    assert found(clouded(100, 160, light=np.nan))[0][1] == "too few stars: cloud, haze or dew for 60 s"
+
+
+def test_a_blind_stretch_within_a_cloud_is_part_of_it():
+    made = clouded(100, 300, few(np.arange(400.0), range(150, 250), objects=0))
+    assert stretches_s(made) == [(100.0, 299.0)]
+    assert found(made)[0][0] is Cause.NO_SKY
+
+
+def absent(made, *rows):
+    made["status"][list(rows)] = STATUSES.index(Status.NO_MATCH)
+    made["answer_check"][list(rows)] = ANSWER_CHECKS.index(AnswerCheck.ABSENT)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("rows", "until_s"),
+    [((161, 164, 167), 167.0), ((160, 164), 160.0), (range(160, 200), 169.0), ((), 159.0), ((90, 200), 159.0)],
+)
+def test_absences_at_the_edge_of_a_cloud_belong_to_it_for_ten_seconds(rows, until_s):
+    """One after the other within three seconds, though the reference identifier has an answer."""
+    assert stretches_s(absent(clouded(100, 160), *rows)) == [(100.0, until_s)]
+
+
+def test_absences_before_a_cloud_belong_to_it_too():
+    assert stretches_s(absent(clouded(100, 160), 92, 95, 98, 80)) == [(92.0, 159.0)]
+
+
+def test_absences_far_from_a_cloud_are_the_sensors():
+    assert stretches_s(absent(clouded(100, 160), *range(200, 230))) == [(100.0, 159.0)]
+
+
+@pytest.mark.parametrize("step_s", [0.1, 4.0, 30.0])
+def test_a_cloud_is_one_at_any_rate(step_s):
+    made = clouded(100, 160, few(step_s * np.arange(400)))
+    assert stretches_s(made) == [(pytest.approx(100 * step_s), pytest.approx(159 * step_s))]

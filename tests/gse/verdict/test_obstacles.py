@@ -7,8 +7,9 @@ import pytest
 from skies.known_nights import START_NS, STATION, session
 
 from drivers.chunk import LinkEvent
+from gse.station.columns import STATUSES
 from gse.station.exclusions import Cause, Exclusion
-from gse.station.results import Subject
+from gse.station.results import Status, Subject
 from gse.statistics.decision import Outcome, Row
 from gse.statistics.session_statistics import statistics
 from gse.truth import Alignment
@@ -134,9 +135,15 @@ def test_a_session_that_is_left_out_as_a_whole_has_its_reason_once(steady):
 
 
 @pytest.mark.parametrize(("count", "is_told"), [(500, False), (501, True)])
-def test_no_sky_in_more_than_half_of_the_frames_is_too_little(steady, count, is_told):
-    told = lines(steady, seconds(0, 300, Cause.NO_SKY, "cloud"), seconds(300, count, Cause.NO_SKY, "dawn"))
+def test_no_sky_in_more_than_half_of_the_frames_is_too_little(count, is_told):
+    dark = session(1000, step_s=1.0)
+    dark.frames.columns["status"][:count] = STATUSES.index(Status.NO_MATCH)
+    told = lines(dark, seconds(0, 300, Cause.NO_SKY, "cloud"), seconds(300, count, Cause.NO_SKY, "dawn"))
     assert told == [f"no sky in {count} of 1000 frames: cloud; dawn"] * is_told
+
+
+def test_answers_under_cloud_are_no_little_sky(steady):
+    assert lines(steady, seconds(0, 900, Cause.NO_SKY, "thin cloud")) == []
 
 
 @pytest.mark.parametrize(("count", "is_told"), [(49, False), (50, True)])

@@ -1,0 +1,98 @@
+"""What a reader must know of: jumps, false answers, faults, and how far off the answers in excluded stretches were."""
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, session
+
+from gse.report.summary import summarise
+from gse.report.terminal import exclusion_line, facts, incident_line
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.exclusions import Cause, Exclusion
+from gse.station.results import AnswerCheck, Status, Subject
+from gse.statistics.incidents import MOST_OF_A_KIND
+from gse.statistics.session_statistics import statistics
+from gse.values.instant import NS_PER_S
+from gse.verdict.assessment import judge
+
+
+def moved(made, rows, *, east=0.0, north=0.0):
+    """Frames whose answers, which the reference identifier confirms, lie off as after a jolt."""
+    frames = made.frames.columns
+    for name, by in (("d_ra_cosde_arcsec", east), ("cross_x_arcsec", east), ("d_de_arcsec", north)):
+        frames[name][rows] += by
+    frames["cross_y_arcsec"][rows] -= north
+    return made
+
+
+def incidents(made):
+    return [(one.what.split(" ")[0], one.frames, one.stretches) for one in statistics(made).incidents]
+
+
+def test_a_clear_night_has_none():
+    assert statistics(session(2000)).incidents == ()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("side", ["east", "north"])
+@pytest.mark.parametrize(("arcsec", "is_told"), [(50.0, False), (70.0, True)])
+def test_answers_that_jump_by_more_than_a_limit_are_told_with_when_and_how_far(sign, side, arcsec, is_told):
+    made = moved(session(2000, noise=0.5), slice(700, 800), **{side: sign * arcsec})
+    found = statistics(made).incidents
+    assert bool(found) is is_told
+    for one in found:
+        assert (one.subject, one.frames, one.stretches) == (Subject.ONBOARD, 100, 1)
+        assert (one.from_ns - START_NS, one.until_ns - START_NS) == (70 * NS_PER_S, 799 * NS_PER_S // 10)
+        assert one.worst_arcsec == pytest.approx(arcsec, abs=4)
+
+
+def test_a_mount_that_drifts_does_not_jump():
+    assert incidents(session(20_000, step_s=1.0, noise=1.0, drift_per_h=(100.0, 0.0))) == []
+
+
+@pytest.mark.parametrize(("jumps", "lines"), [(MOST_OF_A_KIND, MOST_OF_A_KIND), (MOST_OF_A_KIND + 1, 1)])
+def test_many_stretches_of_a_kind_have_one_line(jumps, lines):
+    made = session(4000, noise=0.5)
+    for row in range(100, 100 + 200 * jumps, 200):
+        moved(made, slice(row, row + 5), north=200.0)
+    found = statistics(made).incidents
+    assert len(found) == lines
+    assert sum(one.frames for one in found) == 5 * jumps
+    assert sum(one.stretches for one in found) == jumps
+
+
+def test_a_fault_bit_and_false_answers_are_told():
+    made = session(600)
+    frames = made.frames.columns
+    frames["status"][::10] = STATUSES.index(Status.SENSOR_FAULT)
+    frames["answer_check"][301:305] = ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    frames["d_de_arcsec"][::10] = frames["d_ra_cosde_arcsec"][::10] = np.nan
+    assert incidents(made) == [("false", 4, 1), ("the", 60, 1)]
+    lines = [incident_line(item) for item in summarise(made, judge(made))["incidents"]]
+    assert lines[1].startswith(
+        "onboard: the sensor reports a fault, or sends impossible values in 60 frames, 2026-03-20T"
+    )
+    assert [line.startswith("seen: ") for line in facts(summarise(made, judge(made)))].count(True) == 2
+
+
+@pytest.mark.parametrize("cause", list(Cause))
+def test_a_stretch_that_is_left_out_tells_how_far_off_the_answers_in_it_were(cause):
+    made = moved(session(600, noise=0.1), slice(100, 200), north=300.0)
+    made.excluded = (Exclusion(START_NS + 10 * NS_PER_S, START_NS + 30 * NS_PER_S, "so", cause),)
+    (of_stretch,) = statistics(made).answers_excluded
+    (found,) = of_stretch
+    assert (found.subject, found.answers, found.compared) == (Subject.ONBOARD, 200, 200)
+    assert found.mean_arcsec == pytest.approx(150.0, abs=1)
+    assert found.worst_arcsec == pytest.approx(300.0, abs=1)
+    (item,) = summarise(made, judge(made))["exclusions"]
+    taken = cause in (Cause.MOUNT, Cause.CLOCK_STEP, Cause.BACKLOG)
+    words = "taken out" if taken else "judged all the same"
+    assert f"200 answers of onboard in it are {words}, 150." in exclusion_line(item)
+
+
+def test_a_stretch_without_an_answer_says_nothing_of_answers():
+    made = session(600)
+    made.frames.columns["status"][100:200] = STATUSES.index(Status.NO_MATCH)
+    made.excluded = (Exclusion(START_NS + 10 * NS_PER_S, START_NS + 20 * NS_PER_S, "cloud", Cause.OPERATOR),)
+    assert statistics(made).answers_excluded == ((),)
+    (item,) = summarise(made, judge(made))["exclusions"]
+    assert exclusion_line(item) == "100 frames from 2026-03-20T18:30:10Z, operator: cloud"
