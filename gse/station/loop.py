@@ -27,8 +27,9 @@ What is decided on the way:
   frozen uses its own, so that a later release of the tables changes nothing. Without it (an event NO_TRUTH) panoramas
   are identified, and compared with nothing.
 * **The mount** comes from the station file. Under ``align: first N s`` there is no mount at first; results of these
-  seconds have no attitude error. The first panorama after them, once 10 frames were identified, fixes the mount for the
-  rest of the session (an event ALIGNED). The mount is never judged by the frames that it was fitted on.
+  seconds have no attitude error. The seconds are those of a sky that shows its stars. The first panorama after them,
+  once 10 frames were identified and the fit is good enough, fixes the mount for the rest of the session (an event
+  ALIGNED). The mount is never judged by the frames that it was fitted on.
 * **Identification time** is this host's own in a live session and the recorded one in a replay: it belongs to the run
   that was made, not to the machine that reads it.
 
@@ -515,10 +516,11 @@ class StationLoop:
         alignment = first_seconds.alignment(utc_ns)
         if alignment is None:
             return
-        self._first_seconds = None
+        waited_s, self._first_seconds = first_seconds.waited_s, None
         self._frame_processor = replace(self._frame_processor, mount=alignment.mount)
         self.session.alignment = alignment
-        self.on_event(LinkEvent(utc_ns, 0, StationKind.ALIGNED, str(alignment)))
+        waited = f"; it waited {waited_s:.0f} s for a sky that shows its stars" if waited_s > 0 else ""
+        self.on_event(LinkEvent(utc_ns, 0, StationKind.ALIGNED, f"{alignment}{waited}"))
 
     def _seek_truth(self, utc_ns: int) -> None:
         """Find truth for the date of a panorama, and tell what it lacks."""

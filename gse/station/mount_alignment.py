@@ -1,5 +1,6 @@
 """Mount fit: on the first seconds of a running session, or on a whole recording."""
 
+import math
 from array import array
 from dataclasses import dataclass
 
@@ -12,7 +13,10 @@ from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.results import AnswerCheck
 from gse.station.session_data import SessionData
+from gse.station.sky_condition import DOUBTFUL_SHARE, FEWEST_EXPECTED, SUN_LIMIT_DEG, WINDOW_NS
 from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks, truth_of
+from gse.truth.solar_system import sun_altitude_deg
+from gse.values.axis import ON_SKY
 from gse.values.constants import ARCSEC_PER_RAD
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import product
@@ -23,6 +27,14 @@ MIN_FRAMES = 10
 """Fewest identified frames for a fit in a running session; the fit waits until it has them."""
 
 MINUTE_NS = 60 * NS_PER_S
+LONGEST_WAIT_NS = 3600 * NS_PER_S
+"""Nautical twilight of the lower latitudes is over by then; of the polar summer nothing better comes."""
+MOST_TIMES = 10
+"""Of the seconds that were asked for, to take where these show the mount too badly."""
+_OF_LIMIT = 0.1
+"""A mount that is known to this share of a limit adds one part in seventy to what its errors make of it."""
+_RECENT_FRAMES = 100
+"""Those of the last seconds, whose windows of the sky are closed in part."""
 
 
 class MeasuredMounts:
@@ -90,12 +102,17 @@ def persistent_arcsec2(session: SessionData) -> NDArray[np.float64]:
 
 
 class FirstSeconds:
-    """Fits the mount on the first seconds of a session, for the frames that come after them."""
+    """Fits the mount on the first seconds of a sky that is good enough, for the frames that come after them.
+
+    In twilight a few stars show the mount badly: the seconds begin where most of the expected ones are seen, or where
+    it is dark, after an hour at the latest. Where the fit is worse than a tenth of a limit, more seconds are taken.
+    """
 
     def __init__(self, duration_s: float, session: SessionData) -> None:
         self._session = session
         self._duration_ns = round(duration_s * NS_PER_S)
-        self._begun_ns: int | None = None
+        self._first_ns: int | None = None
+        self._begun_ns = self._looked_ns = self._due_ns = 0
         self._measured = MeasuredMounts()
 
     def add(self, result: FrameResult, truth: SiderealTruth) -> None:
@@ -104,11 +121,42 @@ class FirstSeconds:
 
     def alignment(self, utc_ns: int) -> Alignment | None:
         """The mount, once the first seconds are over and enough frames were identified; None before."""
-        if self._begun_ns is None:
-            self._begun_ns = utc_ns
-        if utc_ns - self._begun_ns < self._duration_ns or len(self._measured) < MIN_FRAMES:
+        if self._first_ns is None:
+            self._first_ns = self._begun_ns = self._looked_ns = utc_ns
+            self._due_ns = self._duration_ns
+        if utc_ns - self._looked_ns >= WINDOW_NS and utc_ns - self._first_ns < LONGEST_WAIT_NS:
+            self._looked_ns = utc_ns
+            if not self._is_good(utc_ns):
+                self._begun_ns, self._due_ns, self._measured = utc_ns, self._duration_ns, MeasuredMounts()
+        lasts_ns = utc_ns - self._begun_ns
+        if lasts_ns < self._due_ns or len(self._measured) < MIN_FRAMES:
             return None
-        return self._measured.fit(self._session)
+        alignment = self._measured.fit(self._session)
+        if self._is_good_to_arcsec(alignment) or lasts_ns >= MOST_TIMES * self._duration_ns:
+            return alignment
+        self._due_ns = min(2 * lasts_ns, MOST_TIMES * self._duration_ns)
+        return None
+
+    def _is_good(self, utc_ns: int) -> bool:
+        """Whether the sky is dark, or shows most of its stars all the same; before a star simulator it always is."""
+        station, frames = self._session.station, self._session.frames.columns
+        if station.mount.inertial is not None or sun_altitude_deg(station.site, utc_ns) <= SUN_LIMIT_DEG:
+            return True
+        recent = frames[max(len(frames) - _RECENT_FRAMES, 0) : len(frames)]
+        expected = recent["stars_expected"]
+        known = expected >= FEWEST_EXPECTED
+        seen = np.minimum(recent["stars_seen"][known], expected[known])
+        return not known.any() or bool(seen.sum() >= DOUBTFUL_SHARE * expected[known].sum())
+
+    def _is_good_to_arcsec(self, alignment: Alignment) -> bool:
+        x, y, _ = alignment.sigma_arcsec
+        limits = self._session.station.limits
+        return math.hypot(x, y) <= _OF_LIMIT * min(limits.of(axis) for axis in ON_SKY)
+
+    @property
+    def waited_s(self) -> float:
+        """How long it waited for a sky that is good enough."""
+        return 0.0 if self._first_ns is None else (self._begun_ns - self._first_ns) / NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from gse.statistics.session_statistics import Statistics, statistics
 from gse.statistics.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.values.axis import ON_SKY
 from gse.values.finding import Finding
+from gse.values.instant import NS_PER_S, to_text
 from gse.verdict.obstacles import obstacles
 from gse.verdict.requirements import REQUIREMENTS, Case, requirement_of
 
@@ -34,7 +35,7 @@ TRUTH_SHARE = 3.0
 LEFT_OUT = ": neither limit nor data: "
 """Between a subject and the names of its rows that a report leaves out, in a line of ``not_tested``."""
 
-RELATIVE = "relative to a mount fitted on the first"
+RELATIVE = "relative to a mount fitted on"
 """What a line of the reasons begins with that says so; it is no reason against PASS."""
 
 _SIMULATED = ("sim://", "simulated")
@@ -154,8 +155,12 @@ def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:
 
 
 def _relative_to(session: SessionData) -> str:
-    align_s = session.station.mount.align_s or 0.0
-    return f"{RELATIVE} {align_s:g} s: absolute pointing, site and clock not tested"
+    align_s, alignment, frames = session.station.mount.align_s or 0.0, session.alignment, session.frames.columns
+    which = f"the first {align_s:g} s"
+    if alignment is not None and alignment.from_ns - int(frames["utc_ns"].min()) > align_s * NS_PER_S:
+        taken_s = (alignment.until_ns - alignment.from_ns) / NS_PER_S
+        which = f"{taken_s:.0f} s from {to_text(alignment.from_ns, 0)}, the first of a sky that shows its stars"
+    return f"{RELATIVE} {which}: absolute pointing, site and clock not tested"
 
 
 def is_left_out(row: Row, station: Station) -> bool:

@@ -8,6 +8,8 @@ from skies.one_by_one import Made, Stars, add_frame
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError, UsageError
+from gse.station.columns import empty_rows
+from gse.station.frame_table import MATCH
 from gse.station.mount_alignment import MIN_FRAMES, FirstSeconds, MeasuredMounts, cross_validated, persistent_arcsec2
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
@@ -265,3 +267,55 @@ def test_stars_of_false_answers_and_stars_that_were_left_out_say_nothing_of_the_
     assert np.diag(half)[:2] == pytest.approx(np.diag(whole)[:2], rel=0.3)
     session.frames.columns["answer_check"] = false
     assert persistent_arcsec2(session).tolist() == np.zeros((3, 3)).tolist()
+
+
+# The sky of the first seconds
+
+
+def by_twilight(share, *, begin="2026-03-20T11:30:00Z", minutes=3):
+    """When the mount is fitted, in seconds after the begin: ``share(second)`` of 20 expected stars are seen.
+
+    At 106.7 deg east the Sun is 11 deg below the horizon at half past eleven.
+    """
+    begin_ns = from_text(begin)
+    made = SessionData(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
+    first, rotation = FirstSeconds(20.0, made), horizon_to_sensor(MOUNTS[1])
+    for second in range(60 * minutes):
+        utc_ns = begin_ns + second * NS_PER_S
+        if (fitted := first.alignment(utc_ns)) is not None:
+            return second, fitted, first
+        rows = empty_rows(1)
+        rows["stars_expected"], rows["stars_seen"] = 20, round(20 * share(second))
+        made.frames.extend(rows, np.zeros(0, MATCH))
+        attitude = Attitude(rotation @ TRUTH.icrs_to_horizon(utc_ns), np.zeros((3, 3)))
+        panorama = Panorama(utc_ns, np.empty((0, 2)), np.empty(0), second)
+        first.add(Made(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude), TRUTH)
+    return None
+
+
+def test_in_twilight_the_first_seconds_begin_once_most_stars_are_seen():
+    second, fitted, first = by_twilight(lambda second: 0.3 if second < 60 else 0.95)
+    assert second == pytest.approx(60 + 80 + 20, abs=30)  # a hundred frames tell the share
+    assert fitted.from_ns > from_text("2026-03-20T11:31:00Z")
+    assert first.waited_s == pytest.approx(second - 20, abs=5)
+
+
+def test_a_twilight_that_shows_its_stars_and_a_dark_sky_that_shows_few_are_good_enough():
+    assert by_twilight(lambda second: 0.95)[0] == 20
+    assert by_twilight(lambda second: 0.3, begin="2026-03-20T18:30:00Z")[0] == 20
+    assert by_twilight(lambda second: 0.3) is None
+
+
+def test_after_an_hour_the_seconds_begin_in_any_twilight():
+    assert by_twilight(lambda second: 0.3, begin="2026-03-20T05:00:00Z", minutes=70)[0] == pytest.approx(3620, abs=10)
+
+
+@pytest.mark.parametrize(("scatter_arcsec", "taken_s"), [(1.0, 20), (22.0, 40), (2000.0, 200)])
+def test_more_seconds_are_taken_where_the_fit_is_worse_than_a_tenth_of_a_limit(scatter_arcsec, taken_s):
+    """Six arcsec: 20 frames of a scatter of 22 along each axis leave 7, forty 5."""
+    first = FirstSeconds(20.0, SESSION)
+    for result in frames(MOUNTS[1], 300, sigma_arcsec=(scatter_arcsec, scatter_arcsec, 0.0)):
+        if (fitted := first.alignment(result.panorama.utc_ns)) is not None:
+            break
+        first.add(result, TRUTH)
+    assert (fitted.until_ns - fitted.from_ns) / NS_PER_S + 1 == taken_s

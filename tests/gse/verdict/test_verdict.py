@@ -635,8 +635,17 @@ def test_what_was_not_tested_is_told_after_the_rows_without_a_test(subjects, own
 
 @pytest.mark.parametrize(("align", "seconds"), [("first 90 s", "90"), ("first 2.5 s", "2.5")])
 def test_a_relative_verdict_says_on_how_many_seconds_the_mount_was_fitted(align, seconds):
-    asked = SimpleNamespace(station=SimpleNamespace(mount=Mount(align=align)))
-    assert _relative_to(asked).startswith(f"relative to a mount fitted on the first {seconds} s: ")
+    made = session(5, station=STATION.model_copy(update={"mount": Mount(align=align)}))
+    assert _relative_to(made).startswith(f"relative to a mount fitted on the first {seconds} s: ")
+
+
+def test_a_relative_verdict_says_when_the_mount_was_fitted_where_it_waited_for_the_sky():
+    made = session(5, station=STATION.model_copy(update={"mount": Mount(align="first 60 s")}))
+    covariance = ((1.0, 0.0, 0.0),) * 3
+    from_ns = START_NS + 1800 * NS_PER_S
+    made.alignment = Alignment(Mount(), covariance, (1.0, 1.0, 1.0), 60, 0, from_ns, from_ns + 59 * NS_PER_S)
+    words = "relative to a mount fitted on 59 s from 2026-03-20T19:00:00Z, the first of a sky that shows its stars: "
+    assert _relative_to(made).startswith(words)
 
 
 @pytest.mark.parametrize(
