@@ -63,6 +63,8 @@ _EDGE_NS = 10 * NS_PER_S
 _BLOCK_NS = 30 * NS_PER_S
 """Stars come and go at the edge of a field within seconds: half a minute tells what share of them is seen."""
 _FEWEST_BLOCKS = 4
+_MOST_SEEN = 0.9
+"""Where more of the frames are named, stars that are missing and not faint are no cloud."""
 _FEWER, _FEWER_SIGMAS = 0.1, 3.0
 """In twilight fewer stars are seen where this share of the usual ones is missing, and as many standard deviations."""
 
@@ -197,6 +199,9 @@ def _clouds(frames: Columns) -> Iterator[_Stretch]:
         light = light[np.isfinite(light)]
         faded_mag = -2.5 * math.log10(max(float(light.min()), 1e-8)) if len(light) else 0.0
         words = f"stars up to {faded_mag:.1f} mag too faint" if faded_mag >= CLEARED_MAG else "too few stars"
+        # Noise and false objects take stars away, too; a sky in which the others are named all the same is there.
+        if faded_mag < CLEARED_MAG and _is_seen(frames, slice(part[0], part[-1] + 1)).mean() > _MOST_SEEN:
+            continue
         yield _Stretch(int(part[0]), int(part[-1]), Cause.NO_SKY, f"{words}: cloud, haze or dew for {{duration}}")
 
 
@@ -212,10 +217,7 @@ def _explained(frames: Columns, site: Site) -> Iterator[_Stretch]:
 
 def _blind_stretches(frames: Columns) -> Iterator[tuple[int, int]]:
     """First and last row of each long stretch without an answer of either identifier."""
-    seen = (frames["status"] == STATUSES.index(Status.IDENTIFIED)) | (
-        frames["answer_check"] != ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
-    )
-    blind = np.flatnonzero(~seen)
+    blind = np.flatnonzero(~_is_seen(frames, slice(None)))
     utc_ns = frames["utc_ns"]
     for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > _bridged_ns(frames)) + 1):
         if not len(part):
@@ -223,6 +225,12 @@ def _blind_stretches(frames: Columns) -> Iterator[tuple[int, int]]:
         long = utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames, part[-1]) >= MIN_STRETCH_NS
         if long or len(part) == len(frames):
             yield int(part[0]), int(part[-1])
+
+
+def _is_seen(frames: Columns, rows: slice) -> NDArray[np.bool_]:
+    """Which of some frames have an answer of either identifier."""
+    answered = frames["status"][rows] == STATUSES.index(Status.IDENTIFIED)
+    return np.asarray(answered | (frames["answer_check"][rows] != ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)))
 
 
 def _bridged_ns(frames: Columns) -> float:

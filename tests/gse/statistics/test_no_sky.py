@@ -475,7 +475,16 @@ def test_a_cloud_is_left_out_though_every_frame_is_answered():
     made = clouded(100, 160)
     assert found(made) == [(Cause.NO_SKY, "stars up to 1.3 mag too faint: cloud, haze or dew for 60 s")]
     assert stretches_s(made) == [(100.0, 159.0)]
-    assert found(clouded(100, 160, light=np.nan))[0][1] == "too few stars: cloud, haze or dew for 60 s"
+
+
+@pytest.mark.parametrize(("blind", "is_cloud"), [(5, False), (6, True)])
+@pytest.mark.parametrize("light", [np.nan, 1.0])
+def test_stars_that_are_missing_and_not_faint_are_a_cloud_where_a_tenth_of_the_frames_shows_none(
+    light, blind, is_cloud
+):
+    """Noise takes stars away, too, and leaves enough to be named."""
+    made = clouded(100, 160, few(np.arange(400.0), range(105, 105 + 9 * blind, 9)), light=light)
+    assert [words for _, words in found(made)] == ["too few stars: cloud, haze or dew for 60 s"] * is_cloud
 
 
 def test_a_blind_stretch_within_a_cloud_is_part_of_it():

@@ -1,0 +1,120 @@
+"""More or greater errors of the subject never make the word milder, nor any row better."""
+
+import numpy as np
+import pytest
+from skies.known_nights import session
+from skies.own_answers import with_answers, without_error
+
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.frame_table import MATCH
+from gse.station.results import AnswerCheck, Status, Subject, Verdict
+from gse.statistics.decision import Outcome
+from gse.verdict.assessment import judge
+
+FRAMES = 600
+SEVERITY = {Verdict.PASS: 0, Verdict.INCONCLUSIVE: 1, Verdict.FAIL: 2}
+"""Of words and of outcomes, which have the same names."""
+MORE = (0, 1, 2, 3, 6, 12, 30, 75, 140, 220, 299)
+"""Up to half of the frames."""
+MOST = (*MORE, 400, 500, 569)
+"""Up to what leaves thirty of them."""
+
+
+def elsewhere(made, rows):
+    """The panoramas are of another sky, by the same turn, and both identifiers name its stars."""
+    frames, turn_arcsec = made.frames.columns, 104 * 3600.0
+    for name in ("d_ra_cosde_arcsec", "cross_x_arcsec"):
+        frames[name][rows] += turn_arcsec
+    for name in ("ra_deg", "ra_reference_deg"):
+        frames[name][rows] += 104.0
+
+
+def absent(made, rows):
+    frames = made.frames.columns
+    frames["status"][rows] = STATUSES.index(Status.NO_MATCH)
+    frames["answer_check"][rows] = ANSWER_CHECKS.index(AnswerCheck.ABSENT)
+    for name in ("d_ra_cosde_arcsec", "d_de_arcsec", "d_roll_arcsec", "cross_x_arcsec", "cross_y_arcsec"):
+        frames[name][rows] = np.nan
+
+
+def false(made, rows):
+    made.frames.columns["answer_check"][rows] = ANSWER_CHECKS.index(AnswerCheck.FALSE)
+
+
+def never_sent(made, rows):
+    left = np.delete(made.frames.columns.rows(), rows)
+    table = type(made.frames)()
+    table.extend(left, np.zeros(0, MATCH))
+    made.frames = table
+
+
+def frozen(made, rows):
+    """Copies of one panorama come instead of new ones."""
+    never_sent(made, rows)
+    made.frames.columns["frame_no"] = np.arange(len(made.frames))
+    made.link.frames_repeated = len(rows)
+
+
+def faulty(made, rows):
+    absent(made, rows)
+    made.frames.columns["status"][rows] = STATUSES.index(Status.SENSOR_FAULT)
+
+
+KINDS = {"elsewhere": elsewhere, "absent": absent, "false": false, "never sent": never_sent, "frozen": frozen,
+         "faulty": faulty}  # fmt: skip
+
+
+def order(scattered):
+    return np.random.default_rng(4).permutation(FRAMES) if scattered else np.arange(FRAMES)
+
+
+def never_milder(judged):
+    """The words and the rows of sessions that become worse; the first of them passes."""
+    assert judged[0].verdict is Verdict.PASS
+    words = [SEVERITY[one.verdict] for one in judged]
+    assert words == sorted(words), words
+    for row in judged[0].rows:
+        found = [next(r for r in one.rows if (r.subject, r.name) == (row.subject, row.name)) for one in judged]
+        of_row = [SEVERITY[Verdict(one.outcome.value)] for one in found if one.outcome is not Outcome.NOT_TESTED]
+        assert of_row == sorted(of_row), (row.subject, row.name, of_row)
+    return judged[-1]
+
+
+@pytest.mark.parametrize("scattered", [True, False], ids=["scattered", "in one"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_more_frames_that_are_wrong_make_no_word_milder_and_no_row_better(kind, scattered):
+    judged = []
+    for count in MORE if kind == "elsewhere" else MOST:
+        made = session(FRAMES, step_s=1.0)
+        KINDS[kind](made, np.sort(order(scattered)[:count]))
+        judged.append(judge(made))
+    last = never_milder(judged)
+    assert last.verdict is Verdict.FAIL or not scattered
+
+
+def with_own(rows=(), off_arcsec=0.0):
+    """A sensor's own answers beside panoramas, some of them off in declination."""
+    made = session(FRAMES, step_s=1.0)
+    angles = without_error(made, whole_field=True)
+    angles[:, :2] += np.random.default_rng(9).normal(0, 4 / 3600, (FRAMES, 2))
+    angles[list(rows), 1] += off_arcsec / 3600
+    return with_answers(made, angles, np.full(FRAMES, 12))
+
+
+@pytest.mark.parametrize("scattered", [True, False], ids=["scattered", "in one"])
+@pytest.mark.parametrize("off_arcsec", [250.0, 3600.0])
+def test_more_own_answers_that_are_off_make_no_word_milder(off_arcsec, scattered):
+    judged = [judge(with_own(order(scattered)[:count], off_arcsec)) for count in (*MOST, FRAMES)]
+    last = never_milder(judged)
+    assert last.verdict is Verdict.FAIL
+    assert last.statistics.subjects[Subject.SENSOR].false_answers.value == 1.0
+
+
+def test_own_answers_that_are_further_off_make_no_word_milder():
+    """From false_arcsec on they are false and not averaged in: the rows of accuracy are those of the others."""
+    judged = [judge(with_own(order(True)[:60], off)) for off in (0, 20, 50, 100, 170, 300, 1000, 4000, 90_000)]
+    words = [SEVERITY[one.verdict] for one in judged]
+    assert words == sorted(words)
+    assert (words[0], words[-1]) == (0, 2)
+    shares = [one.statistics.subjects[Subject.SENSOR].false_answers.count for one in judged]
+    assert shares == [0] * 5 + [60] * 4
