@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from gse.errors import UsageError
 from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, first_rows
 from gse.station.events import ClockStep, StationKind
@@ -44,6 +44,7 @@ class Cause(StrEnum):
 
     CLOCK_STEP = "clock step"
     BACKLOG = "backlog"
+    LINK = "link"
     NO_SKY = "no sky"
     NO_OBJECTS = "no objects"
     SCENE_CHANGE = "scene change"
@@ -65,6 +66,19 @@ class Exclusion:
     reason: str
     cause: Cause
     time_error_s: float = 0.0
+
+
+def link_losses(events: Iterable[LinkEvent]) -> Iterator[Exclusion]:
+    """From each time at which the port was gone until it was opened again."""
+    lost: LinkEvent | None = None
+    for event in events:
+        if event.kind == LinkKind.LOST:
+            lost = lost or event
+        elif event.kind == LinkKind.REOPENED and lost is not None:
+            gone_s = (event.utc_ns - lost.utc_ns) / NS_PER_S
+            if gone_s > 0:
+                yield Exclusion(lost.utc_ns, event.utc_ns, f"the port was gone for {gone_s:.1f} s", Cause.LINK)
+            lost = None
 
 
 def mount_touched(events: Iterable[LinkEvent]) -> Iterator[Exclusion]:

@@ -43,8 +43,7 @@ def never_sent(frames: Columns) -> NDArray[np.int64]:
     missing = np.zeros(len(frames), dtype=np.int64)
     if len(frames) <= _WINDOW:
         return missing
-    number = frames["frame_no"].astype(np.int64)
-    steps: NDArray[np.int64] = number[1:] - number[:-1]
+    steps = _steps(frames["frame_no"].astype(np.int64))
     counted = steps > 0
     if counted.sum() < _WINDOW or steps[counted].min() == steps[counted].max():
         return missing
@@ -57,7 +56,24 @@ def never_sent(frames: Columns) -> NDArray[np.int64]:
     came_since = _since(steps != 0)
     counted &= tags_us <= 1e6 * LONGEST_S
     missing[1:] = np.where(counted, np.minimum(by_number, by_time) - came_since, 0)
-    return np.maximum(missing, 0)
+    missing = np.maximum(missing, 0)
+    for row in (np.flatnonzero((steps < 0) & (steps >= -_WINDOW)) + 1).tolist():  # it came late, and fills a gap
+        gaps = np.flatnonzero(missing[max(row - _WINDOW, 0) : row])
+        if len(gaps):
+            missing[max(row - _WINDOW, 0) + gaps[-1]] -= 1
+    return missing
+
+
+def _steps(number: NDArray[np.int64]) -> NDArray[np.int64]:
+    """From the greatest number so far to each but the first (M - 1,): a frame that comes late makes none after it.
+
+    A number that falls by more than a window begins anew.
+    """
+    life = np.cumsum(np.diff(number, prepend=number[:1]) < -_WINDOW)
+    far = number + life * (int(number.max()) + 2 * _WINDOW)
+    greatest = np.maximum.accumulate(far)
+    steps: NDArray[np.int64] = far[1:] - greatest[:-1]
+    return np.where(life[1:] == life[:-1], steps, -2 * _WINDOW)
 
 
 def _usual_steps(steps: NDArray[np.int64], counted: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -21,7 +21,15 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkKind
 from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
-from gse.station.exclusions import Cause, Exclusion, exclusions, mount_touched, scene_changes, screen_lost
+from gse.station.exclusions import (
+    Cause,
+    Exclusion,
+    exclusions,
+    link_losses,
+    mount_touched,
+    scene_changes,
+    screen_lost,
+)
 from gse.station.frame_columns import Columns, InOrder
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
 from gse.station.session_data import SessionData
@@ -400,6 +408,10 @@ def _stated(session: SessionData) -> Iterable[Exclusion]:
     return session.excluded
 
 
+def _link(session: SessionData) -> Iterable[Exclusion]:
+    return link_losses(session.events)
+
+
 def _touched(session: SessionData) -> Iterable[Exclusion]:
     return mount_touched(session.events)
 
@@ -458,6 +470,7 @@ _ANY = (Claim.ACCURACY, Claim.ABSENCE)
 LEFT_OUT = (
     LeftOut(Cause.CLOCK_STEP, _clock_and_link, _ACCURACY, "the host's clock was set, so that its time is not known"),
     LeftOut(Cause.BACKLOG, _clock_and_link, _ACCURACY, "it waited in a buffer, so that its time is not known"),
+    LeftOut(Cause.LINK, _link, _ABSENCE, "the port of this computer was gone"),
     LeftOut(Cause.NO_SKY, _without_sky, _ABSENCE, "daylight, or cloud that other frames show too"),
     LeftOut(Cause.NO_OBJECTS, _without_sky, _ABSENCE, "its panoramas are empty: a cap, a cover, an overcast sky"),
     LeftOut(Cause.SCENE_CHANGE, _between_scenes, _ANY, "it was exposed while the screen changed its scene"),

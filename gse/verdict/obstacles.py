@@ -180,7 +180,7 @@ def _beyond_stated(turn_rad: NDArray[np.float64], stated: Mount) -> bool:
 def _missing_frames(session: SessionData, stats: Statistics) -> Iterator[str]:
     frames = session.frames.columns
     told = int(stats.counted.never_came.sum()) + stats.counted.unplaced
-    pauses = [item for item in stats.counted.exclusions if item.cause in (Cause.OPERATOR, Cause.NO_SKY)]
+    pauses = [item for item in stats.counted.exclusions if item.cause in (Cause.OPERATOR, Cause.NO_SKY, Cause.LINK)]
     excused = excluded(frames["utc_ns"], pauses)
     excused[after_suspensions(session)] = True
     untold = missing_by_time(frames, excused) - told

@@ -55,6 +55,19 @@ def test_frames_that_came_while_the_number_stood_still_are_not_missing_when_it_g
     assert never_sent(frames(np.delete(numbers, np.s_[10:20]))).sum() == 11
 
 
+def test_a_frame_that_comes_late_is_not_missing():
+    numbers = np.arange(200)
+    numbers[[43, 44]] = [44, 43]
+    assert never_sent(frames(numbers)).sum() == 0
+    numbers = np.delete(numbers, 120)
+    assert np.flatnonzero(never_sent(frames(numbers))).tolist() == [120]
+
+
+def test_a_sensor_that_starts_anew_misses_what_is_missing_in_each_life():
+    numbers = np.concatenate([np.arange(100), np.delete(np.arange(100), 50)])
+    assert np.flatnonzero(never_sent(frames(numbers))).tolist() == [150]
+
+
 def test_a_number_that_leaps_while_the_time_does_not_misses_nothing():
     made = frames(np.arange(100) + 1000 * (np.arange(100) >= 50))
     made["time_us"] = np.arange(100) * 100_000

@@ -8,7 +8,7 @@ from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14
 from skies.known_nights import START_NS, STATION, frame, session
 from skies.one_by_one import Made, add_frame
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from gse.diagnosis.plain_findings import time_tag_faults
 from gse.errors import UsageError
 from gse.station.columns import ANSWER_CHECKS, STATUSES
@@ -425,6 +425,31 @@ def test_a_note_that_the_mount_was_touched_takes_the_answers_of_a_minute_on_eith
     assert (stretch.cause, stretch.reason, count) == (Cause.MOUNT, "kicked the tripod", 1200)
     assert stats.onboard.axes["d_de"].n == stats.onboard.available.of == 1800
     assert stats.onboard.axes["d_de"].max_abs_arcsec < 100
+
+
+# The link
+
+
+def unplugged(*kinds):
+    """A hundred frames never came between the 300th and the next, and these events at 30.05 and 39.95 s."""
+    made, whole = session(0), session(700).frames.columns.rows()
+    made.frames.extend(np.delete(whole, np.s_[300:400]), np.zeros(0, MATCH))
+    made.link.frames_lost = 100
+    for kind, seconds in zip(kinds, (30.05, 39.95), strict=False):
+        made.events.append(LinkEvent(START_NS + round(seconds * NS_PER_S), 0, kind, "so"))
+    return statistics(made)
+
+
+def test_frames_that_were_lost_while_the_port_was_gone_are_not_expected_and_the_time_is_told():
+    stats = unplugged(LinkKind.LOST, LinkKind.REOPENED)
+    assert (stats.onboard.available.count, stats.onboard.available.of) == (600, 600)
+    ((stretch, count),) = stats.exclusions
+    assert (stretch.cause, stretch.reason, count) == (Cause.LINK, "the port was gone for 9.9 s", 0)
+
+
+@pytest.mark.parametrize("kinds", [(), (LinkKind.LOST,), (LinkKind.SILENT, LinkKind.STREAMING), (LinkKind.REOPENED,)])
+def test_frames_that_were_lost_on_a_port_that_was_there_are_expected(kinds):
+    assert unplugged(*kinds).onboard.available.of == 700
 
 
 # Clock steps
