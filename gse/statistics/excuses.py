@@ -156,22 +156,25 @@ def _twilights(frames: Columns) -> Iterator[_Stretch]:
             continue
         rows = np.flatnonzero((block >= few[0]) & (block <= few[-1]))
         first, last = int(rows[0]), int(rows[-1])
-        seen, expected = (float(frames[name][first : last + 1].mean()) for name in ("stars_seen", "stars_expected"))
+        seen, expected = (np.nan_to_num(frames[name][first : last + 1]) for name in ("stars_seen", "stars_expected"))
         sun = _sun_words(frames["sun_altitude_deg"][[first, last]])
-        stars = f"{seen:.0f} of {expected:.0f} expected stars are seen"
+        stars = f"{seen.mean():.0f} of {expected.max():.0f} expected stars are seen"
         yield _Stretch(first, last, Cause.NO_SKY, f"{sun}: no dark sky for {{duration}}, {stars}")
 
 
 def _star_shares(frames: Columns) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
     """The block of each frame (M,); of each block the share of the expected stars that is seen, and if it is light.
 
-    NaN where nothing is expected, as of a sensor that sends no panoramas.
+    While the direction of the mount is not known, as many stars are expected as after it; none of a sensor that sends
+    no panoramas, whose shares are NaN.
     """
-    utc_ns = frames["utc_ns"]
+    utc_ns, due = frames["utc_ns"], frames["stars_expected"].astype(np.float64)
+    known = np.flatnonzero(np.isfinite(due))
+    due = np.interp(np.arange(len(due)), known, due[known]) if len(known) else due
     block = np.unique((utc_ns - utc_ns[0]) // _BLOCK_NS, return_inverse=True)[1]
     count = np.bincount(block)
-    expected = np.bincount(block, frames["stars_expected"])
-    seen = np.bincount(block, np.minimum(frames["stars_seen"], np.nan_to_num(frames["stars_expected"])))
+    expected = np.bincount(block, due)
+    seen = np.bincount(block, np.minimum(frames["stars_seen"], np.nan_to_num(due)))
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(expected >= FEWEST_OBJECTS * count, seen / expected, np.nan)
     light = np.bincount(block, frames["sun_altitude_deg"] > SUN_LIMIT_DEG)

@@ -431,6 +431,12 @@ def test_twilight_is_left_out_until_as_many_stars_are_seen_as_in_the_dark():
     )
 
 
+def test_while_the_mount_is_not_known_as_many_stars_are_expected_as_after_it():
+    made = dusk()
+    made["stars_expected"][:900] = np.nan
+    assert stretches_s(made) == [(0.0, 1679.0)]
+
+
 def test_a_twilight_in_which_all_stars_are_seen_is_night():
     assert found(dusk(least=18)) == []
 
