@@ -171,13 +171,20 @@ class SerialLink:
         *,
         recorder: MessageWriter | None = None,
         wait_port: bool = False,
+        stamped_s: float | None = None,
         list_ports: Callable[[], list[PortInfo]] = ports_here,
         line: LineSettings = PLAIN_LINE,
     ) -> None:
-        """Open the port; PortError with the reason if that fails. With ``wait_port`` a missing port is waited for."""
+        """Open the port; PortError with the reason if that fails. With ``wait_port`` a missing port is waited for.
+
+        ``stamped_s``: a port with its own time is at its end when so much of it has passed since its first item.
+        """
         self.url = url
         self._recorder = recorder or _NoRecording()
         self._stamped: TimestampedPort | None = None
+        self._stamped_ns = None if stamped_s is None else round(stamped_s * 1e9)
+        self._end_ns: int | None = None
+        self._is_over = False
         self._live: _Receiver | None = None
         self._sent: list[Item] = []
         finder = PortFinder(url, baudrate, list_ports, line)
@@ -201,7 +208,7 @@ class SerialLink:
     @property
     def at_end(self) -> bool:
         """Whether a recording or simulation was received completely; always False for a live port."""
-        return self._stamped is not None and self._stamped.at_end
+        return self._stamped is not None and (self._is_over or self._stamped.at_end)
 
     @property
     def backlog_bytes(self) -> int:
@@ -226,6 +233,8 @@ class SerialLink:
         until_ns = self._stamped.stamp()[1] + round(timeout_s * 1e9)
         self._stamped.timeout = timeout_s
         for item in self._stamped.due():
+            if self._is_beyond(item):
+                break
             if len(items) == sent:
                 self._stamped.timeout = 0
             if isinstance(item, LinkEvent):
@@ -241,6 +250,13 @@ class SerialLink:
             if len(items) - sent == most:
                 break
         return items
+
+    def _is_beyond(self, item: Item) -> bool:
+        """Whether an item lies beyond the end that was asked for; none comes after it."""
+        if self._stamped_ns is not None and self._end_ns is None:
+            self._end_ns = item.mono_ns + self._stamped_ns
+        self._is_over = self._end_ns is not None and item.mono_ns >= self._end_ns
+        return self._is_over
 
     def send(self, data: bytes) -> Chunk:
         """Send a command; returns the chunk as recorded. PortError if it cannot be sent."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import click
 
 from drivers.chunk import LinkEvent
+from drivers.ports import is_mock
 from gse.cli.options import (
     LOOPBACK,
     bind_option,
@@ -21,7 +22,7 @@ from gse.cli.options import (
 )
 from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.errors import UsageError
-from gse.sessions.forecast import Forecast
+from gse.sessions.forecast import Forecast, snapshot
 from gse.station.frame_json import frame_json
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.loop import Listener, StationLoop
@@ -106,7 +107,11 @@ class LiveOutputs:
         self._open_status(loop, folder, live)
         if self._options.view != "none" or self._options.save_rrd is not None:
             self._open_view(loop, folder, live)
-        return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
+        if not self._diagnose:
+            return listeners
+        # Simulated and recorded data wait for a look: then it comes at the same place each time.
+        beside = None if is_mock(loop.setup.station.port.url) else snapshot
+        return [*listeners, _live_diagnosis(listeners, beside)]
 
     def enter_judging(self) -> None:
         """Show that the session is closed and judged."""
@@ -167,14 +172,14 @@ class LiveOutputs:
         self._live = live.add(view)
 
 
-def _live_diagnosis(listeners: Sequence[Listener]) -> Listener:
+def _live_diagnosis(listeners: Sequence[Listener], snapshot: Callable[[SessionData], SessionData] | None) -> Listener:
     """Findings go to the other listeners, not into the session."""
 
     def announce(event: LinkEvent) -> None:
         for listener in listeners:
             listener.on_event(event)
 
-    return LiveDiagnosis(announce)
+    return LiveDiagnosis(announce, snapshot)
 
 
 def _frame_text(result: FrameResult) -> str:

@@ -6,7 +6,10 @@ with each other, a gross one silences them, and events that say the same are lef
 """
 
 import math
+import queue
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -304,7 +307,7 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
 
 FIRST_AFTER_S = 10.0
 """Time in the data from the first panorama to the first look; then after 20 s, and whenever a third more has passed,
-20 s at least: a look costs half a second of the loop's thread."""
+20 s at least: a look costs half a second to two of a processor."""
 _SHARE, _LEAST_S = 3, 20.0
 
 
@@ -312,31 +315,51 @@ _SHARE, _LEAST_S = 3, 20.0
 class LiveDiagnosis:
     """A listener that looks for causes now and then; ``announce`` gets an event for each that is new.
 
-    The findings of the report come from the whole session: one that was announced may be gone at the end.
+    With ``snapshot``, a function that copies a session, it looks at a copy in a thread of its own, so that a live port
+    does not wait for it; what it finds is announced with the next results, and it looks at one copy at a time. The
+    findings of the report come from the whole session: one that was announced may be gone at the end.
     """
 
     announce: Callable[[LinkEvent], None]
+    snapshot: Callable[[SessionData], SessionData] | None = None
     _begun_ns: int | None = None
     _due_ns: int = 0
     _known: set[str] = field(default_factory=set)
+    _found: queue.SimpleQueue[tuple[int, Sequence[Finding]]] = field(default_factory=queue.SimpleQueue)
+    _thread: threading.Thread | None = None
 
     def on_results(self, results: FrameResults, session: SessionData) -> None:
         """Look, where it is time."""
         for utc_ns in results.rows["utc_ns"].tolist():
             self._look(utc_ns, session)
+        self._tell()
 
     def _look(self, utc_ns: int, session: SessionData) -> None:
         if self._begun_ns is None:
             self._begun_ns, self._due_ns = utc_ns, utc_ns + round(FIRST_AFTER_S * NS_PER_S)
-        if utc_ns < self._due_ns:
+        if utc_ns < self._due_ns or (self._thread is not None and self._thread.is_alive()):
             return
         elapsed_ns = utc_ns - self._begun_ns
         self._due_ns = utc_ns + min(elapsed_ns, max(elapsed_ns // _SHARE, round(_LEAST_S * NS_PER_S)))
+        if self.snapshot is None:
+            self._found.put((utc_ns, causes_so_far(session)))
+            self._tell()
+            return
+        taken = self.snapshot(session)
+        self._thread = threading.Thread(target=self._look_beside, args=(utc_ns, taken), name="diagnosis", daemon=True)
+        self._thread.start()
 
-        for finding in causes_so_far(session):
-            if finding.cause not in self._known:
-                self._known.add(finding.cause)
-                self.announce(FindingEvent(utc_ns, 0, StationKind.FINDING, str(finding), finding))
+    def _look_beside(self, utc_ns: int, session: SessionData) -> None:
+        with suppress(Exception):  # a look that fails must not end the session; the report looks again, and tells
+            self._found.put((utc_ns, causes_so_far(session)))
+
+    def _tell(self) -> None:
+        while not self._found.empty():
+            utc_ns, found = self._found.get_nowait()
+            for finding in found:
+                if finding.cause not in self._known:
+                    self._known.add(finding.cause)
+                    self.announce(FindingEvent(utc_ns, 0, StationKind.FINDING, str(finding), finding))
 
     def on_event(self, event: LinkEvent) -> None:
         """Events are not frames."""

@@ -69,6 +69,9 @@ REASONS = {signal.Signals[name]: text for name, text in _NAMED.items() if hasatt
 SAME_PRESS_S = 1.0
 """A second Ctrl-C within this time is ignored: a double keystroke, or terminal and shell both sent one."""
 
+REST_S = 20.0
+"""After the signal, the time in which an overloaded computer processes what it has received; the rest is recorded."""
+
 
 class Ending:
     """Catches the signals that end a session, and keeps the reason; a context manager.
@@ -76,7 +79,8 @@ class Ending:
     An ignored hang-up, as under nohup, stays ignored.
     """
 
-    def __init__(self, say: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(self, say: Callable[[str], None] = lambda text: None, *, rest_s: float = REST_S) -> None:
+        self._rest_s = rest_s
         self.reason = ""
         self.leaves = False
         self._say = say
@@ -87,6 +91,10 @@ class Ending:
     def asked(self) -> bool:
         """Whether a signal asked for the end of the session."""
         return bool(self.reason)
+
+    def leaves_the_rest(self) -> bool:
+        """Whether what is received and not processed is left: after a second Ctrl-C, or REST_S after the first."""
+        return self.leaves or (self.asked() and time.monotonic() - self._first_s > self._rest_s)
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
@@ -149,7 +157,8 @@ CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 class LiveSession:
     """Result of a live session: data, folder, this host's identification times, and the bytes that were not recorded.
 
-    ``damage`` describes the difference between the closed file and the bytes written to it.
+    ``damage`` describes the difference between the closed file and the bytes written to it. ``left_bytes`` were
+    recorded and not processed, because the session was to end.
     """
 
     session: SessionData
@@ -157,6 +166,7 @@ class LiveSession:
     own_elapsed_us: "array[float]"
     lost_bytes: int
     damage: str | None = None
+    left_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +236,9 @@ def run_live(
         raise
     try:
         port = station.port
-        link = SerialLink(port.url, port.baudrate, recorder=recorder, wait_port=wait_port, line=port.line)
+        link = SerialLink(
+            port.url, port.baudrate, recorder=recorder, wait_port=wait_port, stamped_s=duration_s, line=port.line
+        )
     except DriverError:
         recorder.close()
         recorder.path.unlink()
@@ -252,9 +264,12 @@ def run_live(
         loop.listeners = make_listeners(loop, folder, live)
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
+        leave = operator.ending.leaves_the_rest
         with asking or nullcontext():
             wait_s = asking.wait_s if asking else lambda: RECEIVE_TIMEOUT_S
-            session = loop.run(link, first, stop=derived_data.is_over, each=derived_data.keep, wait_s=wait_s)
+            session = loop.run(
+                link, first, stop=derived_data.is_over, leave=leave, each=derived_data.keep, wait_s=wait_s
+            )
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
@@ -262,7 +277,7 @@ def run_live(
     for event in recorder.news():
         loop.on_event(event)
         operator.tell(f"{event.kind}: {event.text}")
-    return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes, recorder.damage)
+    return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes, recorder.damage, loop.left_bytes)
 
 
 def _closing_words(recorder: Recorder) -> str:
@@ -296,13 +311,12 @@ class _DerivedDataRecorder:
         """Whether a signal asked for the end, or the duration is over."""
         if self._operator.ending.asked() or self._operator.scene_is_over():
             return True
-        if self._duration_ns is None:
+        if self._duration_ns is None or not self._link.is_live:  # a simulated port ends by itself
             return False
         # A host clock that is set in the session must not lengthen or end it.
-        now_ns = self._link.mono_ns() if self._link.is_live else self._last_ns
+        now_ns = self._link.mono_ns()
         if self._first_ns is None:
-            self._first_ns = now_ns or None
-            return False
+            self._first_ns = now_ns
         return now_ns - self._first_ns >= self._duration_ns
 
     def keep(self, results: list[FrameResults]) -> None:

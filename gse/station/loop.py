@@ -42,6 +42,7 @@ link hands them to the recorder before the loop sees them.
 """
 
 import math
+import time
 from array import array
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -55,8 +56,9 @@ from numpy.typing import NDArray
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import ClockReading
-from drivers.link import SerialLink
+from drivers.link import ITEMS_AT_ONCE, SerialLink
 from drivers.link_state import LinkMonitor
+from drivers.mock.playback import cut
 from gse.errors import TruthError
 from gse.external.answers import Failure, FailureKind
 from gse.identifier import Reason
@@ -197,6 +199,10 @@ class TruthSource:
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
+WORK_S = 0.2
+"""Time of work between two looks whether to stop: few frames where the computer is overloaded, hundreds where not."""
+_FIRST_ITEMS = 8
+_PIECE_BYTES = 1024
 MOST_AT_ONCE = 1024
 """Panoramas that are processed before the first of them is shown, where so many wait."""
 MOST_AHEAD = 2
@@ -265,6 +271,8 @@ class StationLoop:
         self.ahead: Executor | None = None
         self._waiting: deque[_Asked | News] = deque()
         self._serial = 0
+        self._items_at_once = _FIRST_ITEMS
+        self.left_bytes = 0
         self.listeners: Sequence[Listener] = ()
         self.most_at_once = MOST_AT_ONCE
         align_s = station.mount.align_s
@@ -297,38 +305,56 @@ class StationLoop:
         link: SerialLink,
         first: Sequence[Chunk | LinkEvent] = (),
         *,
-        stop: Callable[[], bool] = lambda: False,
+        stop: Callable[[], bool] | None = None,
+        leave: Callable[[], bool] = lambda: False,
         each: Callable[[list[FrameResults]], None] = lambda results: None,
         wait_s: Callable[[], float] = lambda: RECEIVE_TIMEOUT_S,
     ) -> SessionData:
-        """Receive until the link is at its end or ``stop`` says so.
+        """Receive until the link is at its end or ``stop`` says so; then process what a live port gave until then.
 
-        ``first`` is what was received already, ``each`` gets the results of every round, ``wait_s`` says how long a
-        round may last.
+        ``stop`` is asked after each WORK_S of work. ``first`` is what was received already, ``each`` gets the results
+        of every round, ``wait_s`` says how long a round may wait. Where ``leave`` says so after the stop, the rest is
+        left: it is recorded, and ``left_bytes`` says how much it is.
         """
+        items: Sequence[Chunk | LinkEvent] = first
         try:
-            each(self.take(first))
-            while not link.at_end and not stop():
-                each(self.take(link.receive(wait_s())))
-            each(self._drain(link) + self.finish())
+            while (items or not link.at_end) and not (stop and stop()):
+                items = items or self._received(link, wait_s(), may_stop=stop is not None)
+                items = self._take_some(items, len(items) if stop is None else self._items_at_once, each)
+            if link.is_live:
+                link.close()  # what came is recorded, so it counts
+            while (items := items or (self._received(link, 0) if link.is_live else [])) and not leave():
+                items = self._take_some(items, self._items_at_once, each)
+            self.left_bytes = link.backlog_bytes + sum(len(item.data) for item in items if isinstance(item, Chunk))
+            if not items:
+                each(self.finish())
         finally:
             self._close_external()
         return self.session
+
+    def _received(self, link: SerialLink, timeout_s: float, *, may_stop: bool = True) -> Sequence[Chunk | LinkEvent]:
+        """What the link gives; where a stop may come in pieces of few frames: a network port gives hundreds at once."""
+        items = link.receive(timeout_s)
+        return list(cut(iter(items), _PIECE_BYTES)) if may_stop else items
+
+    def _take_some(
+        self, items: Sequence[Chunk | LinkEvent], most: int, each: Callable[[list[FrameResults]], None]
+    ) -> Sequence[Chunk | LinkEvent]:
+        """Process the first items, at most so many; returns the others. How many take WORK_S is learnt from them."""
+        some = items[:most]
+        began_s = time.monotonic()
+        each(self.take(some))
+        worked_s = max(time.monotonic() - began_s, 1e-6)
+        if some:
+            fitting = round(len(some) * WORK_S / worked_s)
+            self._items_at_once = min(max(fitting, 1), 2 * self._items_at_once, ITEMS_AT_ONCE)
+        return items[len(some) :]
 
     def _close_external(self) -> None:
         """End an external identifier; what it said of itself belongs to the session."""
         if self.setup.external is not None:
             self.setup.external.close()
             self.session.external = self.setup.external.identity
-
-    def _drain(self, link: SerialLink) -> list[FrameResults]:
-        """Process the bytes that a live port gave until it was closed: they are recorded, so they count."""
-        results: list[FrameResults] = []
-        if link.is_live:
-            link.close()
-            while items := link.receive(0):
-                results += self.take(items)
-        return results
 
     def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResults]:
         """Decode the items and identify the panoramas that are complete."""

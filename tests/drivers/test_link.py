@@ -285,6 +285,23 @@ def test_a_tcp_port_is_read_in_large_pieces_to_its_last_byte_and_found_again() -
     assert data_of(items) == data + data
 
 
+def test_a_recording_is_at_its_end_after_the_time_that_was_asked_for_and_nothing_later_is_recorded(
+    tmp_path: Path,
+) -> None:
+    with CaptureWriter(tmp_path / "source.mcap") as writer:
+        for number in range(100):
+            writer.rx(Chunk(number * 10**8, 5 + number * 10**8, b"%d," % number))
+    with (
+        CaptureWriter(tmp_path / "part.mcap") as recorder,
+        SerialLink(f"replay://{tmp_path / 'source.mcap'}?speed=max", recorder=recorder, stamped_s=1.0) as link,
+    ):
+        items = []
+        while not link.at_end:
+            items += link.receive(1.0)
+    assert data_of(items) == b"0,1,2,3,4,5,6,7,8,9,"
+    assert b"".join(message.data for message in messages(tmp_path / "part.mcap", RX)) == data_of(items)
+
+
 def test_any_pyserial_url_will_do() -> None:
     with SerialLink("loop://") as link:
         link.send(b"round trip")

@@ -4,17 +4,26 @@ import fcntl
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import termios
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from subprocess import DEVNULL, PIPE
 
+import numpy as np
 import pytest
 from devices.command_line import Gse
 from devices.live_session import PATIENCE_S, LiveSession, ended, run_command
+from devices.programs import program
 
+from drivers.session_file.reader import messages
+from drivers.session_file.records import RX
+from drivers.session_file.verification import verify
 from gse.cli.finish import say_exit_code
+from gse.sessions.live import SAME_PRESS_S
+from protocols import PanoramaMessage, load_protocol
 
 INCONCLUSIVE = 5
 """The verdict on a port where nothing came."""
@@ -62,6 +71,38 @@ def test_a_terminal_that_was_stopped_by_ctrl_s_keeps_no_session_from_its_end(tmp
     assert session.is_closed_judged_and_reported()
     os.close(slave)
     os.close(master)
+
+
+def test_ctrl_c_ends_a_session_that_is_far_behind_and_all_that_came_is_in_its_file(gse: Gse, tmp_path: Path) -> None:
+    slow = program(tmp_path, "for line in sys.stdin:\n    time.sleep(0.1)\n    answer(json.loads(line))\n")
+    nothing, protocol = (np.zeros((0, 2)), np.zeros(0)), load_protocol("panorama-v1")
+    panoramas = (PanoramaMessage(100_000 * n, n, 0.05, frozenset(), 20.0, *nothing) for n in range(5000))
+    sent = b"".join(protocol.encode(panorama, sequence=panorama.frame_no) for panorama in panoramas)  # 500 s of work
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as pool:
+
+        def serve() -> socket.socket:
+            connection, _ = server.accept()
+            connection.sendall(sent)
+            return connection
+
+        serving = pool.submit(serve)
+        command = [sys.executable, "-m", "gse", "run", "--port", f"socket://127.0.0.1:{server.getsockname()[1]}"]
+        command += ["--identifier", f"command:{slow}", "--out", str(tmp_path / "out"), "--no-plots"]
+        running = subprocess.Popen(command, stdout=DEVNULL, stderr=PIPE, text=True)
+        session = LiveSession(tmp_path / "out")
+        with serving.result():
+            session.await_frames(1)
+            running.send_signal(signal.SIGINT)
+            with pytest.raises(subprocess.TimeoutExpired):
+                running.wait(SAME_PRESS_S + 0.2)
+            running.send_signal(signal.SIGINT)
+            _, told = running.communicate(timeout=PATIENCE_S)
+    assert running.returncode == 130
+    assert f"make the report with: gse report {session.folder}" in told.splitlines()[-1]
+    assert verify(session.folder / "session.mcap").is_whole
+    received = b"".join(message.data for message in messages(session.folder / "session.mcap", RX))
+    assert received == sent[: len(received)]
+    assert len(received) > len(sent) / 2
 
 
 @pytest.mark.skipif(shutil.which("tmux") is None, reason="needs tmux")

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import time
 
 import pytest
 
@@ -39,6 +40,17 @@ def test_a_second_ctrl_c_breaks_off_what_can_be_broken_off() -> None:
         with pytest.raises(KeyboardInterrupt), ending.interruptible():
             pytest.fail("it was to be left")
     assert "not judged" in said[1]
+
+
+def test_what_waits_is_left_some_time_after_the_signal() -> None:
+    for rest_s, is_left in ((0.0, True), (3600.0, False)):
+        with Ending(rest_s=rest_s) as ending:
+            assert not ending.leaves_the_rest()
+            signal.raise_signal(signal.SIGTERM)
+            began_s = time.monotonic()
+            while time.monotonic() == began_s:
+                pass
+            assert ending.leaves_the_rest() is is_left
 
 
 def test_a_hang_up_that_nohup_ignores_stays_ignored() -> None:

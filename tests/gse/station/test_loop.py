@@ -134,6 +134,10 @@ class Port:
         self.calls.append(timeout_s)
         return self._given.pop(0) if self._given else []
 
+    @property
+    def backlog_bytes(self) -> int:
+        return sum(len(item.data) for items in self._given for item in items if isinstance(item, Chunk))
+
     def close(self) -> None:
         self.calls.append("close")
 
@@ -158,6 +162,20 @@ def test_a_session_ends_when_it_is_told_to_and_a_live_port_is_closed_first_and_e
     assert port.calls == [RECEIVE_TIMEOUT_S, "close", 0, 0, 0, 0]
 
 
+@pytest.mark.parametrize("leaves", [True, False])
+def test_a_session_that_is_to_end_processes_what_waits_or_leaves_it_and_says_how_much(
+    setup: Setup, leaves: bool
+) -> None:
+    frames = [Chunk(*at(number), panorama_frame(number)) for number in range(200)]
+    asked = iter([False, True])
+    port, loop = Port(frames[:150], frames[150:], is_live=True), StationLoop(setup)
+    session = loop.run(port, stop=lambda: next(asked), leave=lambda: leaves)
+    assert port.calls[:2] == [0.2, "close"]
+    assert len(session.frames) < 150 if leaves else len(session.frames) == 200
+    left = frames[len(session.frames) :]
+    assert loop.left_bytes == sum(len(chunk.data) for chunk in left)
+
+
 def test_what_is_left_in_a_recording_is_not_read_when_a_session_is_told_to_end(setup: Setup) -> None:
     port = Port([event(1)], [event(2)])
     assert texts(StationLoop(setup).run(port, stop=lambda: True)) == []
@@ -168,7 +186,7 @@ def test_results_of_the_bytes_behind_the_end_are_results_of_the_session(setup: S
     data, rounds = panorama_frame(), []
     port = Port([Chunk(*at(0), data[:20])], [Chunk(*at(1), data[20:])], is_live=True, later=1)
     session = StationLoop(setup).run(port, each=rounds.append)
-    assert [len(results) for results in rounds] == [0, 0, 1]
+    assert [len(results) for results in rounds] == [0, 1, 0]
     assert len(session.frames) == 1
     assert session.raw_sha256 == hashlib.sha256(data).hexdigest()
 
