@@ -10,18 +10,26 @@ import re
 MAX_CHARACTERS = 1000
 _UNFIT = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 _STEERING = re.compile(rf"\x1b\[[0-9;?]*[A-Za-z]|[\n\r\t]|({_UNFIT.pattern})")
+_PASSWORD = re.compile(r"(?<=://)([^/\s:@]*):[^/\s@]*@")
 _FORMULA = ("=", "+", "-", "@")
 
 
+def without_password(text: str) -> str:
+    """The text with *** in the place of the password of each URL in it."""
+    return _PASSWORD.sub(r"\1:***@", text)
+
+
 def plain_line(text: str) -> str:
-    """The text in one line, at most MAX_CHARACTERS of it, without anything that steers what shows it."""
+    """The text in one line, at most MAX_CHARACTERS of it, without passwords and what steers the thing that shows it."""
+    text = without_password(text)
     shown = _UNFIT.sub(_escape, text[: MAX_CHARACTERS + 1])
     return shown if len(text) <= MAX_CHARACTERS else shown[:MAX_CHARACTERS] + " ..."
 
 
 def plain_lines(text: str) -> str:
     """The same of any length, its line ends and tabs kept."""
-    return _UNFIT.sub(lambda found: found[0] if found[0] in "\n\t" else _escape(found), text)
+    kept = without_password(text)
+    return _UNFIT.sub(lambda found: found[0] if found[0] in "\n\t" else _escape(found), kept)
 
 
 def terminal_text(text: str) -> str:

@@ -23,6 +23,7 @@ import fsspec
 import tenacity
 from fsspec.core import url_to_fs
 
+from drivers.outside_text import without_password
 from gse.errors import CampaignError, UsageError
 
 PROTOCOLS = ("file", "sftp", "ssh", "s3")
@@ -70,6 +71,11 @@ def open_storage(url: str) -> tuple[Any, str]:
     if protocol == "s3" and "@" in url.split("/", 3)[2]:
         raise UsageError(
             "no credentials belong into the URL of a bucket; docs/campaigns.md says where they are read from"
+        )
+    if protocol != "file" and without_password(url) != url:
+        raise UsageError(
+            f"{without_password(url)} has a password, which every user of this computer sees in its list of processes; "
+            "docs/campaigns.md says where keys and passwords are read from"
         )
     if protocol in ("sftp", "ssh"):
         _use_known_hosts()

@@ -36,7 +36,8 @@ def command(*, text: str, path: Path, mount: bool) -> None:
         raise UsageError(str(error)) from error
     folder, status = newest_session(path)
     if not is_running(status) or status["state"] not in ("starting", "running"):
-        raise UsageError(f"{folder} takes no notes: it is {status['state']}; see: gse status {folder}")
+        state = "is" if is_running(status) or status["state"] == "ended" else "died while"
+        raise UsageError(f"{folder} takes no notes: it {state} {status['state']}; see: gse status {folder}")
     left = leave_note(folder, line, read_clock().utc_ns)
     if not _is_taken(left):
         left.unlink(missing_ok=True)

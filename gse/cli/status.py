@@ -53,10 +53,19 @@ def newest_session(path: Path) -> tuple[Path, dict[str, Any]]:
 
 
 def _stop(folder: Path, status: dict[str, Any], *, running: bool) -> None:
+    from gse.sessions.status_file import NAME, may_be_ended
+
     if not running:
         raise UsageError(f"{folder} has ended; see: gse status {folder}")
     if os.name == "nt":
         raise UsageError(f"Windows cannot ask a process to end; press Ctrl-C in the window of {folder}")
+    if status["state"] not in ("starting", "running"):
+        raise UsageError(f"{folder} is {status['state']} already; see: gse status {folder}")
+    if not may_be_ended(folder, status):
+        raise UsageError(
+            f"process {status['pid']}, which {folder / NAME} names, is no session of yours that records there: it was "
+            "not ended; end yours with Ctrl-C in its terminal, or as the user who started it"
+        )
     os.kill(status["pid"], signal.SIGTERM)
     click.echo(f"{folder} was asked to end: it is closed, judged and reported; see: gse status {folder}")
 

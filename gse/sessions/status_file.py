@@ -170,15 +170,19 @@ class StatusFile:
         while not last:
             self._changed.clear()
             last = self._closed
-            self._write(mark)
+            self._write(mark, last=last)
             if self._state == "running":
                 collect_notes(self._folder, self._notes)
             if not last:
                 self._changed.wait(EVERY_S)
 
-    def _write(self, mark: str | None) -> None:
-        with contextlib.suppress(OSError):
-            write_whole(self._folder / NAME, [json.dumps(self._document(mark), indent=2) + "\n"])
+    def _write(self, mark: str | None, *, last: bool) -> None:
+        path, text = self._folder / NAME, json.dumps(self._document(mark), indent=2) + "\n"
+        try:
+            write_whole(path, [text])
+        except OSError:
+            if last:  # a full disk: the end needs no room in the place of what stands there
+                _write_over(path, text.encode())
 
     def _document(self, mark: str | None) -> dict[str, Any]:
         so_far = self._live.so_far
@@ -207,6 +211,14 @@ class StatusFile:
         }
 
 
+def _write_over(path: Path, data: bytes) -> None:
+    with contextlib.suppress(OSError):
+        fd = os.open(path, os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0))
+        with os.fdopen(fd, "wb") as file:
+            file.write(data)
+            file.truncate()
+
+
 def is_running(status: dict[str, Any], *, has_marks: bool | None = None) -> bool:
     """Whether the process that wrote a status still runs; another process with its number does not count.
 
@@ -225,6 +237,33 @@ def is_being_recorded(path: Path) -> bool:
     """Whether a process records the session at a path, a file or its folder."""
     status = read_status(path if path.is_dir() else path.parent)
     return status is not None and is_running(status)
+
+
+def may_be_ended(folder: Path, status: dict[str, Any]) -> bool:
+    """Whether a process is a ``gse run`` of this user that records into a folder of this user.
+
+    A status.json may come from anybody, and name any process. So the process has to have the session file open, where
+    the system tells (/proc).
+    """
+    own = os.getuid()
+    if any(os.lstat(path).st_uid != own for path in (folder, folder / NAME)):
+        return False
+    if process_mark(os.getpid()) is None:
+        return True
+    try:
+        session = os.stat(folder / "session.mcap")
+        process = Path(f"/proc/{status['pid']}")
+        is_own = process.stat().st_uid == own
+        return is_own and any(_is_same(file, session) for file in (process / "fd").iterdir())
+    except OSError:
+        return False
+
+
+def _is_same(file: Path, other: os.stat_result) -> bool:
+    try:
+        return os.path.samestat(file.stat(), other)
+    except OSError:
+        return False
 
 
 def _age_s(status: dict[str, Any]) -> float:

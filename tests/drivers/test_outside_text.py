@@ -25,6 +25,24 @@ def test_ordinary_text_stays_as_it_is(text: str) -> None:
     assert plain_line(text) == text
 
 
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        (
+            "no sftp://me:secret@roof/a, sftp://you:other@roof:22/b",
+            "no sftp://me:***@roof/a, sftp://you:***@roof:22/b",
+        ),
+        (
+            "socket://127.0.0.1:4000 at 9600, mail me@roof",
+            "socket://127.0.0.1:4000 at 9600, mail me@roof",
+        ),
+        ("sftp://:secret@roof", "sftp://:***@roof"),
+    ],
+)
+def test_passwords_of_urls_are_not_shown(text: str, shown: str) -> None:
+    assert plain_line(text) == plain_lines(text) == shown
+
+
 def test_a_long_line_is_cut_and_says_so() -> None:
     assert len(plain_line("x" * 10**6)) == MAX_CHARACTERS + 4
 

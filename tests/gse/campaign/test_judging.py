@@ -382,6 +382,16 @@ def test_a_url_that_names_no_server_is_refused(url):
         find_sources([url])
 
 
+@pytest.mark.parametrize("where", ["source", "data set"])
+def test_a_password_in_a_url_is_refused_and_never_shown(gse, made, tmp_path, where):
+    url = "sftp://user:geheim@127.0.0.1:9/folder"
+    places = (url, tmp_path / "set") if where == "source" else (made, url)
+    done = gse("campaign", "judge", places[0], "--to", places[1])
+    assert done.code == 2
+    assert "sftp://user:***@127.0.0.1:9/folder has a password" in " ".join(done.err.split())
+    assert "geheim" not in done.err + done.out
+
+
 @pytest.mark.parametrize("name", ["new\nline.mcap", "red\x1b[31m.mcap", b"no text \xff.mcap"])
 def test_a_name_that_steers_a_terminal_is_refused_at_the_door(tmp_path, name):
     file = os.path.join(os.fsencode(tmp_path), os.fsencode(name))

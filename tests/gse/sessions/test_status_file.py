@@ -4,18 +4,32 @@ import json
 import math
 import os
 import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
 from devices.command_line import runner
+from devices.patience import PATIENCE_S
 from skies.known_nights import NONE, START_NS, frame, session, unanswered
 from skies.one_by_one import results_of
 
 from drivers.outside_text import is_plain
+from drivers.whole_file import _beside
+from gse.cli.status import command as status_command
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.errors import UsageError
 from gse.recording.recorder import Recorder
-from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, read_status, session_folders
+from gse.sessions.status_file import (
+    StatusFile,
+    is_running,
+    is_unfinished,
+    may_be_ended,
+    process_mark,
+    read_status,
+    session_folders,
+)
 from gse.station.notes import Notes
 from gse.values import instant
 from gse.view.live_state import LiveState
@@ -60,6 +74,54 @@ def test_the_last_answer_is_the_latest_of_its_block_and_stays_while_none_comes(f
     assert status["last_answer_utc"] == instant.to_text(answered[24].panorama.host_utc_ns, 1)
     assert (status["frames"], status["frames_lost"]) == (30, 4)
     assert status["identified"] == round(25 / 30, 4)
+
+
+def test_the_end_is_told_where_the_disk_takes_no_new_file(folder: Path) -> None:
+    status_file = StatusFile(folder, LiveState(parse_station(BUILT_IN_TEXT)), Notes())
+    while read_status(folder) is None:
+        pass
+    status_file.enter("reporting")
+    until_s = time.monotonic() + PATIENCE_S
+    while (status := read_status(folder)) and status["state"] != "reporting" and time.monotonic() < until_s:
+        pass
+    _beside(folder / "status.json").mkdir()
+    status_file.close(0, "PASS")
+    status = read_status(folder)
+    assert status is not None
+    assert (status["state"], status["exit_code"], status["verdict"]) == ("ended", 0, "PASS")
+
+
+@pytest.mark.parametrize("state", ["running", "reporting"])
+def test_no_process_is_ended_that_does_not_record_into_the_folder_whoever_it_is(folder: Path, state: str) -> None:
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as stranger:
+        document = {
+            "schema": "gse.status/1",
+            "state": state,
+            "pid": stranger.pid,
+            "process": process_mark(stranger.pid),
+        }
+        (folder / "status.json").write_text(json.dumps(document))
+        status = read_status(folder)
+        assert status is not None
+        assert is_running(status)
+        assert not may_be_ended(folder, status)
+        with pytest.raises(UsageError, match="it was not ended" if state == "running" else "is reporting already"):
+            status_command.main([str(folder), "--stop"], standalone_mode=False)
+        assert stranger.poll() is None
+        stranger.communicate(b"\n")
+    assert stranger.returncode == 0
+
+
+def test_a_process_that_records_into_the_folder_may_be_ended_where_the_folder_is_the_users_own(folder: Path) -> None:
+    status = {"state": "running", "pid": os.getpid(), "process": process_mark(os.getpid())}
+    (folder / "status.json").write_text(json.dumps(status))
+    assert not may_be_ended(folder, status)
+    with (folder / "session.mcap").open("rb"):
+        assert may_be_ended(folder, status)
+        if os.getuid() == 0:
+            os.chown(folder, 12345, -1)
+            assert not may_be_ended(folder, status)
+            os.chown(folder, 0, -1)
 
 
 def test_another_process_with_its_number_is_not_taken_for_it() -> None:
