@@ -31,9 +31,12 @@ RETRIES = 2
 """A session whose worker ended is judged so many times more."""
 MORE_WORKERS = 8
 """A task that has ended this many workers more is taken to be the cause."""
+WHY_ENDED = "for want of memory, or because the computer was too busy for them"
 _NO_PAGES: dict[str, object] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 _NO_PROFILE = {"distributed.worker.profile.enabled": False}
 """Dask samples the stack of each worker all the time and keeps what it saw: 0.2 MB a session, which nobody reads."""
+_PATIENT: dict[str, object] = {"distributed.scheduler.worker-ttl": None}
+"""A worker of this computer that says nothing for minutes is only slow: one that ended closes its connection."""
 _ADDRESSES = ("tcp://", "tls://", "ucx://", "ws://", "wss://")
 
 
@@ -102,7 +105,7 @@ def _interrupts_blocked() -> Iterator[None]:
 @contextmanager
 def _own(workers: int) -> Iterator[Client]:
     """Workers of this machine share its memory: Dask's default limit is each one's share."""
-    with dask.config.set(_NO_PAGES | _NO_PROFILE):
+    with dask.config.set(_NO_PAGES | _NO_PROFILE | _PATIENT):
         with _interrupts_blocked():
             local = LocalCluster(
                 n_workers=workers,
@@ -195,7 +198,7 @@ def outcomes_on(scheduler: str, plan: Plan) -> Iterator[list[FrameOutcome]]:
             raise CampaignError("the scheduler is gone: the evaluation has no result; start it again") from error
         except KilledWorker as error:
             raise CampaignError(
-                "some frames ended their workers again and again, perhaps for want of memory: there is no result"
+                f"some frames ended their workers again and again: {WHY_ENDED}; there is no result"
             ) from error
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
-from gse.campaign.cluster import RETRIES, past_lost_workers
+from gse.campaign.cluster import RETRIES, WHY_ENDED, past_lost_workers
 from gse.campaign.dataset import DataSet
 from gse.campaign.judging import LIMIT_S, Job, JudgedSource, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
@@ -116,7 +116,7 @@ def _outcome(future: Any, source: SessionSource) -> JudgedSource:
     if isinstance(error, CancelledError):
         raise error
     if isinstance(error, KilledWorker):
-        return JudgedSource(source, error=f"{source.url} ended its workers again and again, perhaps for want of memory")
+        return JudgedSource(source, error=f"{source.url} ended its workers again and again: {WHY_ENDED}")
     return JudgedSource(source, error=f"{source.url} could not be judged: {type(error).__name__}: {error}")
 
 

@@ -83,6 +83,7 @@ def _send(message: Message, *, station_path: Path | None, url: str | None, out: 
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
     if station.port.url.startswith("sim://"):
         register(device_factory(station))
+        click.echo(f"simulated sensor ({station.port.url}); a real one: --station FILE, or --port", err=True)
     done = command_sensor(station, text, message, out)
     answer = {name: value for name, value in asdict(done.answer).items() if name != "problems"}
     if as_json:

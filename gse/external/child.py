@@ -1,8 +1,9 @@
 """A child process that answers requests over its standard input and output, within times and sizes.
 
-It starts with an empty environment, no descriptor but its three pipes, and no terminal, in a process group of its own
-that is killed whole. Requests are sent ahead, answers come in their order; the time of a request begins when the answer
-before it came. What it writes to stderr is kept, up to a limit.
+It starts with an empty environment but for a mark, no descriptor but its three pipes, and no terminal, in a process
+group of its own. At its end the group is killed whole, and each process that has its mark: one that went into a session
+of its own (setsid) has it, too. Requests are sent ahead, answers come in their order; the time of a request begins when
+the answer before it came. What it writes to stderr is kept, up to a limit.
 """
 
 import contextlib
@@ -11,6 +12,7 @@ import selectors
 import signal
 import subprocess
 import time
+import uuid
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,7 +27,8 @@ _READ_BYTES = 1 << 16
 _END_S = 2.0
 """How long the end of a killed process is awaited."""
 _MOST_TAIL = 200
-_ENVIRONMENT: dict[str, str] = {}
+_MARK = "GSE_CHILD"
+"""Variable of the environment by which what a child started is found at its end."""
 
 Split = Callable[[bytearray], bytes | None]
 """Takes the next whole message off the front of a buffer; None where there is none yet."""
@@ -93,17 +96,18 @@ class Child:
     """One running child; ``log`` gets what it writes to stderr. OSError where it cannot be started."""
 
     def __init__(self, command: Sequence[str], directory: Path, log: Log) -> None:
+        mark = uuid.uuid4().hex
         self._process = subprocess.Popen(
             list(command),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             cwd=directory,
-            env=_ENVIRONMENT,
+            env={_MARK: mark},
             start_new_session=True,
             bufsize=0,
         )
-        process = self._process
+        process, self._mark = self._process, mark
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
@@ -116,7 +120,7 @@ class Child:
             os.set_blocking(descriptor, False)
         self._selector.register(self._stdout, selectors.EVENT_READ)
         self._selector.register(self._stderr.fileno(), selectors.EVENT_READ)
-        self._end = weakref.finalize(self, _end, process, self._selector)
+        self._end = weakref.finalize(self, _end, process, mark, self._selector)
 
     def exchange(
         self, requests: Sequence[bytes], split: Split, wanted: int, *, first_s: float, each_s: float
@@ -220,9 +224,9 @@ class Child:
                 self._selector.unregister(self._stderr.fileno())
 
     def close(self) -> None:
-        """Kill the child with its whole process group; what it wrote to stderr until then is kept."""
+        """Kill the child with all that it started; what it wrote to stderr until then is kept."""
         if self._end.alive:
-            _kill(self._process)
+            _kill(self._process, self._mark)
             self._keep_log()
             self._end()
 
@@ -235,8 +239,8 @@ def _exit_text(code: int) -> str:
     return f"it was ended by signal {-code}"
 
 
-def _end(process: "subprocess.Popen[bytes]", selector: selectors.BaseSelector) -> None:
-    _kill(process)
+def _end(process: "subprocess.Popen[bytes]", mark: str, selector: selectors.BaseSelector) -> None:
+    _kill(process, mark)
     selector.close()
     for pipe in (process.stdin, process.stdout, process.stderr):
         if pipe is not None:
@@ -244,9 +248,22 @@ def _end(process: "subprocess.Popen[bytes]", selector: selectors.BaseSelector) -
                 pipe.close()
 
 
-def _kill(process: "subprocess.Popen[bytes]") -> None:
+def _kill(process: "subprocess.Popen[bytes]", mark: str) -> None:
     # The group lives on after its first process where that one forked.
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(_END_S)
+    for pid in _marked(f"{_MARK}={mark}".encode()):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def _marked(variable: bytes) -> list[int]:
+    """Processes with a variable in their environment; none where the system has no /proc."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            if variable in path.read_bytes().split(b"\0"):
+                found.append(int(path.parent.name))
+    return found

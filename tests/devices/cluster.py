@@ -1,5 +1,6 @@
 """A Dask cluster, an SFTP server and an S3 server as devices under test: real processes on loopback."""
 
+import ctypes
 import getpass
 import json
 import os
@@ -46,9 +47,14 @@ def start(
             stdout=out,
             stderr=out,
             start_new_session=True,
-            preexec_fn=before,
+            preexec_fn=lambda: (_end_with_us(), before()),
         )
     return Started(process)
+
+
+def _end_with_us() -> None:
+    """Linux ends this process when the test run is gone, however it was ended: prctl(PR_SET_PDEATHSIG)."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
 def free_port() -> int:

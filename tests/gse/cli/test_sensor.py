@@ -33,6 +33,10 @@ def test_status_says_how_the_sensor_is(tmp_path: Path) -> None:
     assert "firmware       1.2.0" in result.stdout
 
 
+def test_a_command_to_the_simulator_says_that_no_real_sensor_got_it(tmp_path: Path) -> None:
+    assert run(tmp_path, "start").stderr.startswith("simulated sensor (sim://); a real one: --station FILE, or --port")
+
+
 def test_a_refusal_gives_the_sensors_reason(tmp_path: Path) -> None:
     result = run(tmp_path, "exposure", "9")
     assert isinstance(result.exception, CommandError)

@@ -162,7 +162,7 @@ def test_a_child_of_the_program_ends_with_it(tmp_path):
     os.close(ended)
 
 
-def test_the_program_sees_no_environment_no_descriptor_and_no_terminal(tmp_path):
+def test_the_program_sees_no_environment_but_its_mark_no_descriptor_and_no_terminal(tmp_path):
     kept = (tmp_path / "session.mcap").open("wb")
     os.set_inheritable(kept.fileno(), True)
     body = (
@@ -177,7 +177,7 @@ def test_the_program_sees_no_environment_no_descriptor_and_no_terminal(tmp_path)
     identifier.close()
     kept.close()
     environment, descriptors, terminal = json.loads(given.answer.detail)
-    assert (environment, terminal) == ([], "no")
+    assert (environment, terminal) == (["GSE_CHILD"], "no")
     assert descriptors == ["0", "1", "2", "3"]  # 3 is the folder that is listed
 
 
@@ -240,3 +240,28 @@ def test_a_broken_pipe_to_the_program_is_no_signal_for_the_station(tmp_path):
     body = "os.close(0)\nfor k in range(2): answer({'frame_no': k})\nsys.exit()\n"
     assert kinds(running(program(tmp_path, body)), 3)[:2] == ["", ""]
     assert signal.getsignal(signal.SIGPIPE) is handler
+
+
+def test_what_a_program_started_in_a_session_of_its_own_ends_with_it(tmp_path):
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    body = (
+        "if os.fork() == 0:\n"
+        "    os.setsid()\n"
+        "    if os.fork() == 0:\n"
+        f"        held = open({str(fifo)!r}, 'w')\n"
+        "        held.write('begun')\n"
+        "        held.flush()\n"
+        "        time.sleep(3600)\n"
+        "    os._exit(0)\n"
+        "for line in sys.stdin:\n    answer(json.loads(line))\n"
+    )
+    identifier = running(program(tmp_path, body))
+    opened = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    assert isinstance(identifier.answers(panoramas(1))[0].answer, ExternalAnswer)
+    assert select.select([opened], [], [], PATIENCE_S)[0]
+    assert os.read(opened, 5) == b"begun"
+    identifier.close()
+    assert select.select([opened], [], [], PATIENCE_S)[0], "its end of the pipe is still open: it lives"
+    assert os.read(opened, 5) == b""
+    os.close(opened)
