@@ -3,7 +3,7 @@
     python benchmarks/faults.py [PART ...]
 
 Parts: wire, recorder, files, ports, load, readers, signals, stopped, changed, strangers, network, silence, words,
-commands, web, floats, hopeless, statuses, disks, streams, damaged.
+commands, web, floats, hopeless, statuses, foreign, disks, streams, damaged.
 
 Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.
@@ -40,7 +40,7 @@ from devices.hostile_sessions import FILES, write_file, write_flood, write_steer
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
 from endings import readers, signals, stopped
-from hostile import commands, floats, hopeless, silence, statuses, web, words
+from hostile import commands, floats, foreign, hopeless, silence, statuses, web, words
 from refused import disks, streams
 
 PROTOCOL = load_protocol("panorama-v1")
@@ -87,7 +87,7 @@ def main() -> None:
         "hopeless": hopeless,
         "statuses": statuses,
     }
-    parts |= {"disks": disks, "streams": streams, "damaged": damaged}
+    parts |= {"foreign": foreign, "disks": disks, "streams": streams, "damaged": damaged}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}", flush=True)
     for name in sys.argv[1:] or parts:
         with tempfile.TemporaryDirectory() as folder:

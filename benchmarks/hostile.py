@@ -16,20 +16,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CommandError
 from drivers.outside_text import is_plain
+from drivers.session_file.reader import segment_files
+from drivers.session_file.verification import verify
+from drivers.whole_file import write_whole
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.sessions.commanding import command_sensor
+from gse.sessions.status_file import process_mark
 from gse.station.events import StationKind
 from gse.station.notes import Notes
 from gse.station.reception import Reception
 from gse.station.results import Verdict
 from gse.values.panorama import Panorama
 from gse.verdict.assessment import judge
-from gse.view.server import Content, ViewServer
+from gse.view.server import MOST_CONNECTIONS, Content, ViewServer
+from gse.view.viewer_files import ViewerFiles
 from protocols import Ack, Frame, FrameDecoder, PanoramaMessage, Start, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -262,7 +268,8 @@ def statuses(folder: Path) -> list[Row]:
     Recorder(session / "session.mcap", live=False).close()
     victim = subprocess.Popen(["sleep", "600"])
     codes, steered = Counter[int](), 0
-    for document in [*documents, sound | {"pid": victim.pid, "process": None}]:
+    own = {"pid": victim.pid, "process": process_mark(victim.pid)}
+    for document in [*documents, sound | {"pid": victim.pid, "process": None}, sound | own]:
         (session / "status.json").write_text(json.dumps(document))
         for option in ([], ["--json"], ["--stop"]):
             done = subprocess.run([*GSE, "status", str(session), *option], capture_output=True, text=True)
@@ -286,3 +293,65 @@ def silence(folder: Path) -> list[Row]:
         value = f"LOST after {found['lost_s']:.1f} s, {same}"
         rows.append((f"{scheme}:// over ser2net, half-open: told, bytes before and after", value, "<= 60 s, identical"))
     return rows
+
+
+def foreign(folder: Path) -> list[Row]:
+    """Files, links and readers that are not what their name or their request says."""
+    return [_segments(folder), _links(folder), _slow_readers()]
+
+
+def _segments(folder: Path) -> Row:
+    """Each of two recordings in three files gets each file of the other in the place of each of its own."""
+    for name in ("a", "b"):
+        with Recorder(folder / f"{name}.mcap", live=False, segment_bytes=10_000) as recorder:
+            for number in range(80):
+                recorder.rx(Chunk(ord(name) * 10**16 + number, number, bytes(216)))
+    own, other = (segment_files(folder / f"{name}.mcap") for name in ("a", "b"))
+    taken = 0
+    for at, strange in itertools.product(own[1:], other):
+        kept = at.read_bytes()
+        at.write_bytes(strange.read_bytes())
+        taken += not verify(own[0]).foreign
+        at.write_bytes(kept)
+    return (f"{len(own[1:]) * len(other)} times a file of another recording as a segment: taken", str(taken), "0")
+
+
+def _links(folder: Path) -> Row:
+    """A link to a victim in the place of each file that is written, and of each name that was ever used beside it."""
+    victim, written = folder / "victim", 0
+    for name in ("a.report.json", "status.json", "report.html", "note-1.txt"):
+        victim.write_text("mine")
+        path = folder / name
+        for planted in (path, path.with_name(f"{name}.part"), path.with_name(f".{name}.part")):
+            planted.unlink(missing_ok=True)
+            planted.symlink_to(victim)
+        write_whole(path, ["new"])
+        written += victim.read_text() != "mine"
+    return ("links planted beside 4 files: written through", str(written), "0")
+
+
+def _slow_readers() -> Row:
+    """More connections than are served ask for a file of 43 MB and read nothing; then a browser asks for it."""
+    files = _LargeFiles()
+    with ViewServer("127.0.0.1", 0, Content(files=files)) as page, contextlib.ExitStack() as stack:
+        before = psutil.Process().memory_info().rss
+        for _ in range(2 * MOST_CONNECTIONS):
+            reader = stack.enter_context(socket.create_connection(("127.0.0.1", page.port)))
+            reader.sendall(f"GET /re_viewer_bg.wasm HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode())
+        status, text = _asked(page.port, "GET", "/re_viewer_bg.wasm", {"Host": f"127.0.0.1:{page.port}"})
+        mib = (psutil.Process().memory_info().rss - before) / 2**20
+    what = f"{2 * MOST_CONNECTIONS} readers of 43 MB that read nothing: memory, one more gets it whole"
+    return (what, f"{mib:.0f} MiB, {'yes' if status == 200 and len(text) > _LARGE else 'no'}", "<= 128 MiB, yes")
+
+
+_LARGE = 43 << 20
+
+
+class _LargeFiles(ViewerFiles):
+    """A file of the size of rerun's viewer."""
+
+    def __init__(self) -> None:
+        self._file = b"x" * _LARGE
+
+    def __getitem__(self, path: str) -> bytes:
+        return self._file

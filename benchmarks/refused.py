@@ -1,14 +1,27 @@
-"""What commands do where nobody takes what they write: rows of ``faults.py``."""
+"""What commands do where nobody takes what they write, or a signal comes: rows of ``faults.py``, and a table.
 
+    python benchmarks/refused.py [COMMAND ...]
+
+Each command of ``gse`` runs as a process of its own: with stdout closed, with stderr closed, in a folder on a full
+disk, and with SIGINT, SIGTERM and SIGHUP a second after its start, or as soon as it writes. The first code is that of
+the command undisturbed. A signal that ends it stands as its name; ``end`` is its usual end, before the signal came.
+Goal: no empty cell, no 70, no traceback. Prints markdown; half an hour. Root is needed to mount the small disk.
+"""
+
+import select
 import shutil
+import signal
 import subprocess
 import sys
+import tempfile
+import time
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from gse.cli.commands import COMMANDS
 from gse.config.station import BUILT_IN_TEXT
 
 GSE = [sys.executable, "-m", "gse"]
@@ -111,6 +124,150 @@ def _given(folder: Path) -> Path:
     lights = np.zeros((64, 64), dtype=np.uint8)
     lights[5::6, 5::6] = 200
     Image.fromarray(lights).save(given / "image.png")
+    subprocess.run([*GSE, "extract", str(given / "image.png"), "--out", str(given / "table.csv")], capture_output=True)
     made = [*GSE, "simulate", "--seconds", "20", "--rate-hz", "5", "--file", str(given / "session.mcap")]
     subprocess.run(made, check=True, capture_output=True)
     return given
+
+
+# Every command, disturbed.
+
+MOST_S = 300.0
+AFTER_S = 1.0
+EVERY = {
+    "run": "run --port sim://?frames=100 --out {new} --no-plots",
+    "replay": "replay {session} --out {new} --no-plots",
+    "report": "report {session} --anew --out {new} --no-plots",
+    "view": "view {session} --save {new}.rrd",
+    "identify": "identify {given}/table.csv",
+    "extract": "extract {given}/image.png --out {new}",
+    "evaluate": "evaluate --frames 20 --figures {new}",
+    "simulate": "simulate --seconds 20 --file {new}",
+    "emulate": "emulate --tcp 127.0.0.1:0",
+    "calibrate": "calibrate {session} --write {new}",
+    "align": "align {session} --write {new}",
+    "compare": "compare {session} {session}",
+    "session info": "session info {session}",
+    "session verify": "session verify {session}",
+    "session recover": "session recover {session} --out {new}",
+    "session trim": "session trim {session} --to 2026-03-20T15:00:10Z --out {new}",
+    "session export": "session export {session} --format csv --out {new}",
+    "decode": "decode {session}",
+    "config init": "config init {new}",
+    "config check": "config check {given}/station.yaml",
+    "config show": "config show {given}/station.yaml",
+    "ports": "ports",
+    "preflight": "preflight",
+    "catalog info": "catalog info",
+    "catalog export": "catalog export --list {new}",
+    "plan": "plan {session}",
+    "why": "why {session} --bundle {new}",
+    "selfcheck": "selfcheck",
+    "conventions": "conventions {session}",
+    "campaign judge": "campaign judge {session} --to {new} --workers 1",
+    "campaign report": "campaign report {new}",
+    "campaign query": "campaign query {new}",
+    "note": "note text {given}",
+    "status": "status {given}",
+    "completion": "completion bash",
+    "sensor": "sensor start --out {new}",
+    "ci": "ci {given} --update",
+}
+CLOSED = {"stdout closed": ">&-", "stderr closed": "2>&-"}
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def main() -> None:
+    """Print the table, and what is wrong in it."""
+    missing = set(COMMANDS) - {name.split()[0] for name in EVERY}
+    wrong = [f"{name} is not run" for name in sorted(missing)]
+    columns = ["undisturbed", *CLOSED, "disk full", *(number.name for number in SIGNALS)]
+    print(f"| command | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}", flush=True)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        given = _given(folder)
+        for command in sys.argv[1:] or EVERY:
+            cells = _row(EVERY[command], folder, given)
+            wrong += [
+                f"{command}, {column}: {cell}" for column, cell in zip(columns, cells, strict=True) if _is_bad(cell)
+            ]
+            print(f"| {command} | {' | '.join(cells)} |", flush=True)
+    print(f"\n{len(wrong)} cells are wrong: {'; '.join(wrong) or 'none'}")
+
+
+def _is_bad(cell: str) -> bool:
+    return cell.split()[0] in ("70", "hung") or "traceback" in cell
+
+
+def _row(command: str, folder: Path, given: Path) -> list[str]:
+    """The cells of a command."""
+    cells = []
+    for redirection in ("", *CLOSED.values()):
+        cells.append(_ended(_words(command, _fresh(folder), given), redirection, folder))
+    disk = folder / "disk"
+    disk.mkdir(exist_ok=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8k", "tmpfs", disk], check=True)
+    try:
+        cells.append(_ended(_words(command, disk, given), "", disk))
+    finally:
+        subprocess.run(["umount", "-l", disk], check=True)
+    return [*cells, *(_signalled(_words(command, _fresh(folder), given), number, folder) for number in SIGNALS)]
+
+
+def _fresh(folder: Path) -> Path:
+    out = folder / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    return out
+
+
+def _words(command: str, out: Path, given: Path) -> list[str]:
+    places = {"given": given, "session": given / "session.mcap", "new": out / "new"}
+    return [word.format(**places) for word in command.split()]
+
+
+def _ended(words: list[str], redirection: str, folder: Path) -> str:
+    line = " ".join(f"'{word}'" for word in [*GSE, *words]) + f" {redirection}"
+    try:
+        done = subprocess.run(
+            ["bash", "-c", line],
+            capture_output=True,
+            text=True,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            timeout=_patience(words),
+        )
+    except subprocess.TimeoutExpired:
+        return "runs on" if words[0] == "emulate" else "hung"
+    return _cell(done.returncode, done.stdout + done.stderr)
+
+
+def _patience(words: list[str]) -> float:
+    return 20.0 if words[0] == "emulate" else MOST_S
+
+
+def _signalled(words: list[str], number: signal.Signals, folder: Path) -> str:
+    process = subprocess.Popen(
+        [*GSE, *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=folder
+    )
+    assert process.stdout is not None
+    select.select([process.stdout], [], [], AFTER_S + 2.0)
+    time.sleep(0.2)
+    is_over = process.poll() is not None
+    process.send_signal(number)
+    try:
+        said, _ = process.communicate(timeout=MOST_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        return "hung"
+    return "end" if is_over else _cell(process.returncode, said.decode(errors="replace"))
+
+
+def _cell(code: int, said: str) -> str:
+    shown = signal.Signals(-code).name if code < 0 else str(code)
+    return f"{shown} traceback" if "Traceback" in said else shown
+
+
+if __name__ == "__main__":
+    main()
