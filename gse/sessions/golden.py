@@ -247,7 +247,7 @@ def _different_keys(expected: dict[str, Any], found: dict[str, Any], where: str,
 
 
 def _different_items(expected: list[Any], found: list[Any], where: str, aside: _Aside) -> Iterator[str]:
-    if where == _WORDS_ON_ROWS:
+    if where == _WORDS_ON_ROWS and all(isinstance(line, str) for line in (*expected, *found)):
         yield from (f"{where} lacks {_brief(line)}" for line in sorted(_untested(expected) - _untested(found)))
         aside.new += [f"{where}: {line}" for line in sorted(_untested(found) - _untested(expected))]
         return

@@ -14,7 +14,7 @@ from drivers.outside_text import is_plain
 from gse.cli.ci import command
 from gse.cli.simulate import command as simulate
 from gse.errors import UsageError
-from gse.sessions.golden import check
+from gse.sessions.golden import _Aside, _differences, check
 from gse.sessions.replay import ReplayOptions
 
 REPLAYS = Path(__file__).parents[3] / "replays"
@@ -65,6 +65,14 @@ def test_an_expected_report_of_a_stranger_steers_neither_the_terminal_nor_the_ju
     (suite,) = ET.parse(junit).iter("testsuite")
     text = "".join(suite.itertext())
     assert all(word in text for word in ("pwned", "x\\x00y", "\\ud800", "\\uffff", "</testcase><script>"))
+
+
+@pytest.mark.parametrize("value", [[1], [["a"]], [None], "x", {"a": 1}, 1])
+def test_an_expected_report_with_values_of_another_kind_differs_and_ends_nothing(value: object) -> None:
+    report = {"not_tested": ["a line"], "measurements": [{"name": "x", "value": 1.0}], "reasons": ["b"]}
+    for key in report:
+        found = list(_differences({**report, key: value}, report, "", _Aside(takes_digits=True)))
+        assert any(line.startswith(key) for line in found)
 
 
 def test_a_processor_that_is_not_of_x86_64_may_change_the_last_printed_digit_and_no_more(folder: Path) -> None:
