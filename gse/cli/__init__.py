@@ -172,6 +172,9 @@ def unexpected(error: BaseException) -> int:
         path = plain_line(os.fsdecode(error.filename))
         click.echo(f"gse: {path:.200}: {error.strerror}; give another path, or ask its owner for access", err=True)
         return EXIT_USAGE
+    if isinstance(error, FileNotFoundError) and _working_folder_is_gone():
+        click.echo("gse: the working folder was deleted; change to another one (cd) and repeat", err=True)
+        return EXIT_USAGE
     if isinstance(error, MemoryError) or (isinstance(error, ImportError) and _NO_ROOM in str(error)):
         what = plain_line(str(error))[:200] or type(error).__name__
         click.echo(f"gse: not enough memory: {what}; {_GIVE_ROOM}", err=True)
@@ -184,6 +187,14 @@ def unexpected(error: BaseException) -> int:
     what = f"{type(error).__name__}: {plain_lines(str(error))}"
     click.echo(f"gse: internal error: {what} at {where}; please report it", err=True)
     return EXIT_INTERNAL
+
+
+def _working_folder_is_gone() -> bool:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def exit_code_of(error: Exception) -> int:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 
 import pytest
 
@@ -44,3 +45,15 @@ def test_an_interrupt_behind_an_error_of_compiled_code_ends_without_a_word(capsy
     error.__cause__ = KeyboardInterrupt()
     assert unexpected(error) == EXIT_INTERRUPTED
     assert capsys.readouterr().err == ""
+
+
+def test_a_working_folder_that_was_deleted_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(FileNotFoundError) as raised:
+        Path("session.mcap").resolve()
+    assert unexpected(raised.value) == EXIT_USAGE
+    assert "the working folder was deleted; change to another one (cd)" in capsys.readouterr().err
