@@ -17,7 +17,7 @@ from protocols.description import Description
 from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
 from protocols.layout import Addresses, FrameLayout, compile_frame, compile_messages, one_way
-from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage
+from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage, StatusMessage
 from protocols.parts import MAX_PARTS, PART
 from protocols.reading import MAX_TEXT, DescriptionSource, read_document, validate
 from protocols.text import TextLayout, compile_text
@@ -117,6 +117,23 @@ class Protocol:
         names = self.frame_layout.header.flag_names
         bits = (bit for bit in range(frame.flags.bit_length()) if frame.flags >> bit & 1)
         return frozenset(names.get(bit, f"bit {bit}") for bit in bits)
+
+    @property
+    def test_flag(self) -> int:
+        """The header's flag of a stream that comes from no detector; 0 in a format without room for it."""
+        return sum(1 << bit for bit, name in self.frame_layout.header.flag_names.items() if name == "test")
+
+    def is_test(self, frame: Frame) -> bool:
+        """Whether a frame says that its stream comes from no detector: by its flag; in a format without it by STATUS.
+
+        The serial number 0 is that of an emulator.
+        """
+        if test_flag := self.test_flag:
+            return bool(frame.flags & test_flag)
+        if frame.type != "STATUS" or all(field.name != "serial" for field in self._codecs["STATUS"].layout.fields):
+            return False
+        message = self.decode(frame)
+        return isinstance(message, StatusMessage) and message.serial == 0
 
     def decode(self, frame: Frame) -> Message:
         """The message of a frame of this protocol's own decoder; invalid values are listed in its ``problems``."""

@@ -65,7 +65,8 @@ def command(
 ) -> None:
     """Simulate the sensor of a station file in real time, for this station or for other ground software.
 
-    The address to open is printed on stdout. The emulator ends with Ctrl-C or after --duration.
+    The frames bear the flag `test`, so that no session with them passes for one of a sensor: it is SIMULATED. The
+    address to open is printed on stdout. The emulator ends with Ctrl-C or after --duration.
     """
     from gse.simulator.device import detector_of, firmware_of, scenario_of
     from gse.simulator.emulator import Emulator
@@ -85,7 +86,7 @@ def command(
     detector.expose(session.start_utc_ns, session.exposure_s, session.firmware.temperature_c[0])
     began_ns = read_clock().utc_ns
     offset_ns = session.start_utc_ns - began_ns if start else 0
-    firmware = firmware_of(station, session, options, detector, began_ns + offset_ns)
+    firmware = firmware_of(station, session, options, detector, began_ns + offset_ns, is_test=True)
     endpoint = _endpoint(tcp_address)
     click.echo(endpoint.address)
     seen = outlook(device, session, "--start-utc chooses a night, --dark leaves the Sun's light out")

@@ -124,9 +124,18 @@ def scenario_of(options: dict[str, str]) -> Scenario:
 
 
 def firmware_of(
-    station: Station, scenario: Scenario, options: dict[str, str], detector: Detector, start_ns: int
+    station: Station,
+    scenario: Scenario,
+    options: dict[str, str],
+    detector: Detector,
+    start_ns: int,
+    *,
+    is_test: bool = False,
 ) -> SensorFirmware:
-    """The sensor's computer, from ``start_ns`` on, as ``seed`` and ``standby`` of the options say."""
+    """The sensor's computer, from ``start_ns`` on, as ``seed`` and ``standby`` of the options say.
+
+    Its stream says where it ``is_test``; sim:// is known by its port.
+    """
     standby = options.get("standby", "no")
     if standby not in ("yes", "no"):
         raise UrlError(f"sim://: standby={standby} does not work: expected yes or no")
@@ -146,6 +155,7 @@ def firmware_of(
         period_s=None if standby == "yes" else 1 / scenario.rate_hz,
         baudrate=device.port.baudrate,
         own_answers=OwnAnswers(device, scenario, _generators(options)[3], start_ns) if answers else None,
+        is_test=is_test,
     )
 
 

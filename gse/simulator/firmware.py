@@ -52,6 +52,8 @@ _COUNTERS_WRAP_AT = 65536
 _SLOWEST_BOOT = 1.005
 _VERSION = (1, 2, 0)
 _SERIAL = 14014
+_TEST_STATUS_EVERY_S = 10.0
+"""Whoever opens the port late learns so soon that no sensor is there."""
 _NAK_REASONS = {"bad crc": "bad CRC", "unknown type": "unknown", "bad length": "bad length"}
 
 
@@ -86,12 +88,16 @@ class SensorFirmware:
         period_s: float | None,
         baudrate: int,
         own_answers: OwnAnswers | None = None,
+        is_test: bool = False,
     ) -> None:
         """``period_s`` is that of the panoramas that come from power-on, None for a sensor that waits for START.
 
         With ``own_answers`` each exposure is answered by the sensor itself too, or only so where the protocol has no
-        panoramas.
+        panoramas. A stream that ``is_test`` says in each frame that it comes from no detector; in a format without a
+        flag for it, STATUS says so, by the serial number 0, as soon as the sensor is ready.
         """
+        self._header_flags = protocol.test_flag if is_test else 0
+        self._says_by_status = is_test and not protocol.test_flag
         self._protocol, self._detector, self._traits, self._random = protocol, detector, traits, random
         self._flags = _sayable_flags(protocol)
         self._own_answers = own_answers
@@ -111,7 +117,8 @@ class SensorFirmware:
         self._sequence: dict[str, int] = {}
         self._clock_was_reset = True
         self._ready_ns = ready_ns
-        self._status_due_ns = ready_ns + round((self._traits.status_every_s or 0.0) * NS_PER_S)
+        first_s = 0.0 if self._says_by_status else self._traits.status_every_s or 0.0
+        self._status_due_ns = ready_ns + round(first_s * NS_PER_S)
         self._decoder = FrameDecoder(self._protocol, from_sensor=False, echoes=True)
         self._refused_at = -1
         self._processed: deque[tuple[int, AttitudeMessage]] = deque()
@@ -215,7 +222,7 @@ class SensorFirmware:
 
     def _due_status(self, utc_ns: int, temperature_c: float) -> list[Transmission]:
         """The STATUS frame that follows a panorama, where one is due and the protocol has it."""
-        every_s = self._traits.status_every_s
+        every_s = _TEST_STATUS_EVERY_S if self._says_by_status else self._traits.status_every_s
         if every_s is None or utc_ns < self._status_due_ns:
             return []
         self._status_due_ns = utc_ns + round(every_s * NS_PER_S)
@@ -281,7 +288,7 @@ class SensorFirmware:
         protocol = self._protocol
         counter = NAME_OF[type(message)] if protocol.counts_each_message else ""
         sequence = self._sequence.get(counter, 0)
-        data = protocol.encode(message, sequence)
+        data = protocol.encode(message, sequence, self._header_flags)
         steps = protocol.frames_of(message) * protocol.sequence_step
         self._sequence[counter] = (sequence + steps) % (protocol.sequence_modulus or 1)
         start_ns = max(ready_ns, self._line_free_ns)
@@ -299,7 +306,7 @@ class SensorFirmware:
             supply_v=profile_at(self._traits.supply_v, (utc_ns - self._power_on_ns) / NS_PER_S),
             mode="standby" if self._period_s is None else "streaming",
             firmware=_VERSION,
-            serial=_SERIAL,
+            serial=0 if self._says_by_status else _SERIAL,
         )
 
     def _clock_us(self, utc_ns: int) -> int:

@@ -299,6 +299,7 @@ HOTTEST_C = 1e6
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
 
+_TEST_STREAM = "the frames say that they come from no detector: an emulator is at work, and the session is a simulation"
 HostedStatus = tuple[int, StatusMessage]
 """The host's UTC at which a STATUS was complete, and its message."""
 
@@ -352,6 +353,7 @@ class Reception:
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
         self._latest_utc_ns = 0
+        self._is_test = False
 
     @property
     def others_lost(self) -> int:
@@ -440,6 +442,10 @@ class Reception:
         """The class of a frame by its sequence number; its event is added to ``events``."""
         arrival = self._arrivals.accept(at.frame, mono_ns, time_us, restarted=restarted)
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
+        may_say = not self._is_test and (at.frame.flags or at.frame.type == "STATUS")
+        if may_say and self._protocol.is_test(at.frame):
+            self._is_test = True
+            events.append(LinkEvent(utc_ns, mono_ns, StationKind.TEST_STREAM, _TEST_STREAM))
         if arrival is Arrival.CHAOS:
             text = chaos_in_words(at.frame.sequence, self._arrivals.before)
             events.append(LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text))

@@ -10,6 +10,7 @@ from gse.config.station import Station
 from gse.external.identifier import ExternalCounts
 from gse.station.attitude_table import AttitudeTable
 from gse.station.clock_steps import instants_ns
+from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters, Subject
@@ -65,6 +66,13 @@ class SessionData:
     def __post_init__(self) -> None:
         if self.station.screen is not None:
             self.shown.screen_to_sensor = self.station.screen.to_sensor.rotation()
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether no sensor took part: by the port, the clock, or what the stream says of itself."""
+        if self.station.port.url.startswith("sim://") or any(reading.source == "simulated" for reading in self.clock):
+            return True
+        return any(event.kind == StationKind.TEST_STREAM for event in self.events)
 
     @property
     def panoramas_lost(self) -> int:

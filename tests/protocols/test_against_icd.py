@@ -25,6 +25,7 @@ from protocols import (
     StatusMessage,
     Stop,
     load_protocol,
+    parse_protocol,
 )
 from protocols.explain import explain
 
@@ -67,6 +68,24 @@ def only_frame(protocol_name: str, data: bytes) -> Frame:
     [frame] = FrameDecoder(load_protocol(protocol_name)).feed(data)
     assert isinstance(frame, Frame)
     return frame
+
+
+@pytest.mark.parametrize(("flags", "is_test"), [(0, False), (1, False), (2, True), (3, True), (4, False)])
+@pytest.mark.parametrize("name", ["panorama-v1", "panorama-v1-subpixel"])
+def test_bit_one_of_the_flags_marks_data_of_no_detector(name: str, flags: int, is_test: bool) -> None:
+    frame = only_frame(name, by_hand(0x01, panorama_payload(OBJECTS), flags=flags))
+    protocol = load_protocol(name)
+    assert protocol.is_test(frame) is is_test
+    assert ("test" in protocol.flags_of(frame)) is is_test
+
+
+@pytest.mark.parametrize("serial", [0, 14014])
+@pytest.mark.parametrize("has_flag", [False, True])
+def test_a_format_without_room_for_the_flag_says_so_by_the_serial_number_zero(serial: int, has_flag: bool) -> None:
+    text = load_protocol("panorama-v1").text
+    protocol = parse_protocol(text if has_flag else text.replace("{0: stored, 1: test}", "{0: stored}"), "a file")
+    data = by_hand(0x02, struct.pack(">QIIHHhHB3BI", 1, 1, 1, 0, 0, 2150, 5000, 1, 1, 0, 0, serial))
+    assert protocol.is_test(only_frame("panorama-v1", data)) is (serial == 0 and not has_flag)
 
 
 def test_a_panorama_written_byte_by_byte_is_read_as_meant() -> None:

@@ -15,7 +15,7 @@ from drivers.chunk import Chunk
 from drivers.clock import read_clock
 from drivers.link import SerialLink
 from gse.cli.emulate import command
-from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import UsageError
 from gse.inspection.plausibility import CheckOutcome
 from gse.inspection.preflight import checks
@@ -107,6 +107,33 @@ def test_commands_are_obeyed_as_the_interface_says(make: Callable[[], Endpoint],
         assert {later - earlier for earlier, later in itertools.pairwise(tags_us)} <= {50_000, 50_001}
         link.send(PROTOCOL.encode(Stop(), 2))
         listener.until(lambda heard: Ack("STOP", 2) in heard)
+
+
+def sent(station: Station, *, is_test: bool) -> list[Frame]:
+    """The frames of the first exposures."""
+    scenario = scenario_of(OPTIONS)
+    made = detector_of(station, scenario, OPTIONS)
+    firmware = firmware_of(station, scenario, OPTIONS, made, scenario.start_utc_ns, is_test=is_test)
+    decoder = FrameDecoder(load_protocol(station.protocol))
+    pieces = [piece for _ in range(3) for item in firmware.step() for piece in decoder.feed(item.data)]
+    return [piece for piece in (*pieces, *decoder.finish()) if isinstance(piece, Frame)]
+
+
+@pytest.mark.parametrize("is_test", [False, True])
+def test_an_emulator_marks_each_frame_as_of_no_detector_and_a_simulated_port_none(is_test: bool) -> None:
+    frames = sent(STATION, is_test=is_test)
+    assert len(frames) == 3
+    assert [PROTOCOL.is_test(frame) for frame in frames] == [is_test] * 3
+
+
+@pytest.mark.parametrize("is_test", [False, True])
+def test_without_room_for_the_mark_its_status_says_so_with_the_first_panorama(is_test: bool, tmp_path: Path) -> None:
+    path = tmp_path / "unmarked.yaml"
+    path.write_text(PROTOCOL.text.replace("{0: stored, 1: test}", "{0: stored}"))
+    frames = sent(STATION.model_copy(update={"protocol": str(path)}), is_test=is_test)
+    protocol = load_protocol(str(path))
+    assert [frame.type for frame in frames] == ["PANORAMA", *["STATUS"] * is_test, "PANORAMA", "PANORAMA"]
+    assert [protocol.is_test(frame) for frame in frames] == [frame.type == "STATUS" for frame in frames]
 
 
 TRIES = 30

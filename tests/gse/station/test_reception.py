@@ -15,7 +15,16 @@ from gse.station.reception import News, Reception, SensorClock, _brightest_first
 from gse.station.results import OwnAnswer
 from gse.values.instant import LAST_NS
 from gse.values.panorama import Panorama, Parts
-from protocols import Ack, AttitudeMessage, PanoramaMessage, StatusMessage, load_protocol, parse_protocol
+from protocols import (
+    Ack,
+    AttitudeMessage,
+    Frame,
+    FrameDecoder,
+    PanoramaMessage,
+    StatusMessage,
+    load_protocol,
+    parse_protocol,
+)
 from protocols.sequence import SLACK
 
 PROTOCOL = load_protocol("panorama-v1")
@@ -554,3 +563,17 @@ def test_a_panorama_of_a_wire_without_numbers_bears_number_zero() -> None:
         received(Reception(protocol, baudrate=BAUDRATE), Chunk(*arrival(0), protocol.encode(message, 0)))
     )
     assert panorama.sequence == 0
+
+
+def test_a_stream_is_a_test_from_the_first_frame_that_says_so() -> None:
+    message = PROTOCOL.decode(next(iter(_frames_of(frame(1, 100_000)))))
+    marked = [PROTOCOL.encode(message, sequence=number, flags=PROTOCOL.test_flag) for number in (3, 4)]
+    data = frame(1, 100_000), frame(2, 200_000), *marked
+    chunks = [Chunk(*arrival(100_000 * place), one) for place, one in enumerate(data, start=1)]
+    assert events(received(Reception(PROTOCOL, baudrate=BAUDRATE), *chunks[:2])) == []
+    items = received(Reception(PROTOCOL, baudrate=BAUDRATE), *chunks)
+    assert [kind for kind in events(items) if kind != "SENSOR_RESET"] == ["TEST_STREAM"]
+
+
+def _frames_of(data: bytes) -> list[Frame]:
+    return [piece for piece in FrameDecoder(PROTOCOL).feed(data) if isinstance(piece, Frame)]
