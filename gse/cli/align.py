@@ -16,7 +16,8 @@ from gse.config.choice import change_to
 from gse.config.edit import with_values
 from gse.station.attitude_error import attitude_error
 from gse.station.mount_alignment import CrossValidation, MeasuredMounts, cross_validated
-from gse.truth import horizon_to_sensor
+from gse.statistics.uncertainty import TO_STANDARD
+from gse.truth import Alignment, horizon_to_sensor
 from gse.values.attitude import Attitude
 from gse.values.mount import Mount
 
@@ -45,9 +46,10 @@ def command(
 ) -> None:
     """Fit azimuth, altitude and roll of the mount to the identified frames of the session FILE.
 
-    The result has the covariance of the fit. For a check, the even minutes are compared with the fit to the odd ones,
-    and the odd minutes with the fit to the even ones. Do not judge a session with a mount that was fitted to its own
-    frames: use --write for the next session, or `align: first 60 s` in the station file.
+    The result has the covariance of the fit; --write states it as the mount's uncertainty, `from: align`: a fit vouches
+    for no angle, as a wrong clock or site is in it. For a check, the even minutes are compared with the fit to the odd
+    ones, and the odd minutes with the fit to the even ones. Do not judge a session with a mount that was fitted to its
+    own frames: use --write for the next session, or `align: first 60 s` in the station file.
 
     A fit takes up a wrong sign of the latitude, a clock at local time or an azimuth from south, and hides it. So the
     angles that the station file states are compared with the fit: where a mistake of degrees explains the difference it
@@ -70,8 +72,11 @@ def command(
     refused = gross is not None and not accept_gross
     if write_path is not None and not refused:
         mount = validation.alignment.mount
-        angles = {name: round(getattr(mount, name), 6) for name in ("azimuth_deg", "altitude_deg", "roll_deg")}
-        write_new(write_path, with_values(replay.session.station_text, "mount", angles, drop=("align",)))
+        values: dict[str, object] = {
+            name: round(getattr(mount, name), 6) for name in ("azimuth_deg", "altitude_deg", "roll_deg")
+        }
+        values |= _uncertainty(validation.alignment)
+        write_new(write_path, with_values(replay.session.station_text, "mount", values, drop=("align", "uncertainty")))
     report = alignment_report(validation, replay.session.station.mount)
     report["gross"] = None if gross is None else dataclasses.asdict(gross)
     click.echo(json.dumps(report) if as_json else "\n".join(_lines(report)))
@@ -80,6 +85,20 @@ def command(
         written = "nothing is written: " if refused and write_path is not None else ""
         click.echo(f"{written}the fit hides a gross difference from the stated set-up: {gross}", err=True)
     ctx.exit(lost or (EXIT_FAIL if refused else 0))
+
+
+def _uncertainty(fit: Alignment) -> dict[str, object]:
+    """The uncertainty of the fit as the station file states it; nothing where so few frames do not tell it.
+
+    Near the zenith azimuth and roll are known in combination, so that neither alone is as wrong as it seems.
+    """
+    most = max(fit.sigma_arcsec)
+    if not math.isfinite(most):
+        return {}
+    half_widths = (min(sigma, most) / TO_STANDARD for sigma in fit.sigma_azimuth_altitude_roll_arcsec)
+    names = ("azimuth_arcsec", "altitude_arcsec", "roll_arcsec")
+    return {"uncertainty": {**{name: round(max(x, 0.01), 2) for name, x in zip(names, half_widths, strict=True)},
+                            "from": "align"}}  # fmt: skip
 
 
 def alignment_report(validation: CrossValidation, stated: Mount) -> dict[str, Any]:

@@ -110,7 +110,7 @@ def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[
 
 def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str]:
     """The result for a person."""
-    from gse.statistics.sensor_convention import in_words, is_wrong, with_aberration
+    from gse.statistics.sensor_convention import in_words, is_wrong, to_state, with_aberration
 
     kind = "quaternions" if search.quaternions else "angles"
     head = f"{search.answers} answers over {search.duration_s:.0f} s, {kind}"
@@ -131,7 +131,7 @@ def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str
     else:
         lines.append("the station file states this convention")
     if named is not None and named != stated:
-        lines.append(f"station file: sensor: {{attitude: {{{_yaml(named)}}}}}")
+        lines.append(f"station file: {to_state(search)}")
     return lines
 
 
@@ -148,11 +148,3 @@ def _not_told_apart(search: "ConventionSearch") -> list[str]:
 
 def _angle(arcsec: float) -> str:
     return f"{arcsec:.1f} arcsec" if arcsec < 3600 else f"{arcsec / 3600:.2f} deg"
-
-
-def _yaml(convention: "AttitudeConvention") -> str:
-    """The keys that are not at their default."""
-    defaults = type(convention)()
-    pairs = [(field.name, getattr(convention, field.name)) for field in dataclasses.fields(convention)]
-    changed = [(name, value) for name, value in pairs if value != getattr(defaults, name)]
-    return ", ".join(f"{name}: {str(value).lower() if isinstance(value, bool) else value}" for name, value in changed)

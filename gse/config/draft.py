@@ -50,6 +50,7 @@ site:
   latitude_deg: {draft.latitude_deg!r:12}# north is positive; 0.0001 deg is 0.4 arcsec of error
   longitude_deg: {draft.longitude_deg!r:11}# east is positive
   height_m: {draft.height_m:g}
+  # uncertainty: {{position_m: 3}}   # how well a survey knows the place, 95 %
   # Air for refraction; without these keys: the standard atmosphere at this height.
   # pressure_hpa: 985        # at the site, not reduced to sea level
   # temperature_c: 25
@@ -79,10 +80,9 @@ mount:                       # where the sensor looks; gse align finds the angle
   azimuth_deg: {draft.azimuth_deg!r:14}# from north through east
   altitude_deg: {draft.altitude_deg!r:13}# above the horizon; the zenith is 90
   roll_deg: {draft.roll_deg!r:17}# image up from the direction of the zenith, counter-clockwise
-  uncertainty:               # half-widths that hold the truth with 95 %
-    azimuth_arcsec: 10
-    altitude_arcsec: 10
-    roll_arcsec: 10"""
+  # How well a survey knows them, half-widths that hold the truth with 95 %. Only what is stated here can show that a
+  # turned sensor is not a turned mount: docs/uncertainty.md
+  # uncertainty: {{azimuth_arcsec: 5, altitude_arcsec: 4, roll_arcsec: 20}}"""
 
 
 def _quoted(text: str) -> str:

@@ -257,6 +257,17 @@ class Station(_Section):
 
     @field_validator("mount", mode="before")
     @classmethod
+    def _where_an_uncertainty_is_from(cls, value: Any) -> Any:
+        """``from: align`` in words of Python, where ``from`` is no name."""
+        known = value.get("uncertainty") if isinstance(value, dict) else None
+        if not isinstance(known, dict) or "from" not in known:
+            return value
+        if known["from"] != "align":
+            raise ValueError(f"uncertainty.from is {known['from']!r:.60}: expected align, or no such key")
+        return {**value, "uncertainty": {**{key: known[key] for key in known if key != "from"}, "fitted": True}}
+
+    @field_validator("mount", mode="before")
+    @classmethod
     def _instant_as_text(cls, value: Any) -> Any:
         """YAML reads an instant without quotes as a date."""
         shown = value.get("inertial") if isinstance(value, dict) else None

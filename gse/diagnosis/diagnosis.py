@@ -33,6 +33,7 @@ from gse.diagnosis.plain_findings import (
     often_stand_still,
     ran_away_s,
     sensor_clock_drift,
+    stars_by_day,
     still_panoramas,
     time_tag_faults,
 )
@@ -216,6 +217,7 @@ def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     gross, fine = _causes(session, stats.counted)
     causes = (*gross, *fine)
     facts = tuple(_facts(session, stats, {finding.cause for finding in causes}))
+    facts = (*facts, *stars_by_day(session, stats.counted))
     return (*causes, *facts) or tuple(unexplained(session, stats))
 
 

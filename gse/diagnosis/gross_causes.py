@@ -2,9 +2,10 @@
 
 The raw attitudes of some frames know nothing of site, clock and mount. Under each hypothesis (a sign, two values
 exchanged, a time zone, a quarter turn) they are corrected anew for aberration and refraction and compared with where
-the mount would have looked. A hypothesis is named where it takes away nearly all of the error: no free parameter helps
-it, so that a hit by chance is a matter of one in a thousand. Where none does, the turn about the pole, the vertical, a
-level axis or the boresight is named with its size.
+the mount would have looked. A hypothesis is named where what it leaves is noise, of the frames and of what is stated:
+no free parameter helps it, so that a hit by chance is a matter of one in a thousand. Where none is exact, a turn about
+the pole, the vertical, a level axis or the boresight is named with its size, if that is; then what leaves little, as
+beside a mount that was set by hand.
 """
 
 import math
@@ -12,20 +13,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.turns import EAST, VERTICAL, about, level_axis, pole, size_rad
+from gse.diagnosis.turns import EAST, VERTICAL, about, level_axis, pole, size_rad, taken_out
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_columns import Columns
 from gse.station.results import AnswerCheck
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
+from gse.statistics.uncertainty import TO_STANDARD
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor, mount_of, small_rotations
 from gse.truth.orientation import FIRST_NS
 from gse.values.attitude import Attitude, solve_attitude
 from gse.values.camera import Camera
-from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_RAD_PER_S
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_RAD_PER_S
 from gse.values.finding import Finding
 from gse.values.instant import NS_PER_DAY, NS_PER_S
 from gse.values.matrices import length, lstsq, product
@@ -35,8 +38,6 @@ from gse.values.star_influence import boresight_shifts
 
 # Hypotheses of gross mistakes: one sign, order, quarter turn or time zone that is wrong in site, mount or clock.
 
-SAME_DEG = 0.02
-"""Hypotheses whose remaining errors differ by less than an arcminute are equals."""
 SIDEREAL_DAY_S = 86_164.0905
 _MOST_CLOCK_S = 25.5 * 3600
 _NEAR_S, _VERY_NEAR_S = 60.0, 4.0
@@ -184,12 +185,6 @@ def mount_under(raw: RawAttitudes, under: GrossHypothesis, orientation: EarthOri
     return np.array(rotations)
 
 
-def error_deg_of(measured: NDArray[np.float64], mount: Mount) -> float:
-    """How far measured directions (M, 3, 3) are from a mount, on average over the frames."""
-    turns = small_rotations(measured, horizon_to_sensor(mount))
-    return math.degrees(length(turns.mean(axis=0)))
-
-
 def errors_arcsec(measured: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
     """Errors (M, 3) of rotations along columns, along rows, and of roll."""
     return boresight_shifts(small_rotations(measured, true)) * ARCSEC_PER_RAD
@@ -205,35 +200,78 @@ def central(rotations: NDArray[np.float64]) -> int:
 
 DATE_S = 4.0
 """A date that is off by days moves the stars by aberration and precession too, by 40 arcsec at most in half a year."""
-_AXIS_SHARE = 0.05
 _SITE_ROUNDS, _SITE_STEP_DEG, _MOST_LATITUDE_DEG = 6, 0.01, 89.9
 _CHECK_MOUNT = "check the angles of the mount, then: gse align SESSION --accept-gross --write FILE"
 
 
-def turned(
-    raw: RawAttitudes, stated: GrossHypothesis, turn: NDArray[np.float64], orientation: EarthOrientation
-) -> Finding:
-    """The turn about one axis that explains most, or a mount that looks elsewhere."""
+def _about_one_axis(
+    raw: RawAttitudes, stated: GrossHypothesis, orientation: EarthOrientation, noise_arcsec: NDArray[np.float64]
+) -> list[GrossHypothesis]:
+    """What is wrong by any amount, each alone: the clock, an angle of the mount, the latitude."""
     site, mount = stated.site, stated.mount
-    axes: tuple[tuple[NDArray[np.float64], Callable[[float], Finding]], ...] = (
-        (pole(site), lambda angle: _about_the_pole(refined_s(raw, stated, angle, orientation), site)),
-        (VERTICAL, lambda angle: _of_angle("azimuth", angle, mount)),
-        (level_axis(mount), lambda angle: _of_angle("altitude", angle, mount)),
-        (horizon_to_sensor(mount)[2], lambda angle: _of_angle("roll", angle, mount)),
-        (EAST, lambda angle: _of_latitude(site, angle)),
+
+    def of_clock(fast_s: float, under: GrossHypothesis) -> GrossHypothesis:
+        return replace(under, clock_s=under.clock_s + fast_s / EARTH_RATE_RAD_PER_S)
+
+    def of_angle(name: str) -> _Moved:
+        sign = -1 if name == "altitude" else 1
+
+        def moved(angle: float, under: GrossHypothesis) -> GrossHypothesis:
+            value = getattr(under.mount, f"{name}_deg") + sign * math.degrees(angle)
+            if name == "altitude" and abs(value) > 90:
+                return under
+            changed: dict[str, Any] = {f"{name}_deg": value if name == "altitude" else value % 360}
+            return replace(under, mount=replace(under.mount, **changed))
+
+        return moved
+
+    def of_latitude(angle: float, under: GrossHypothesis) -> GrossHypothesis:
+        north_deg = math.degrees(angle)
+        return (
+            _moved(under, north_deg, 0.0) if abs(under.site.latitude_deg + north_deg) <= _MOST_LATITUDE_DEG else under
+        )
+
+    axes: tuple[tuple[str, NDArray[np.float64], _Moved], ...] = (
+        ("clock", pole(site), of_clock),
+        ("azimuth", VERTICAL, of_angle("azimuth")),
+        ("altitude", level_axis(mount), of_angle("altitude")),
+        ("roll", horizon_to_sensor(mount)[2], of_angle("roll")),
+        ("latitude", EAST, of_latitude),
     )
-    error_deg = math.degrees(size_rad(turn))
-    fits = [(*about(axis, turn), said) for axis, said in axes]
-    good = [(angle, said) for angle, left, said in fits if math.degrees(left) < max(_AXIS_SHARE * error_deg, SAME_DEG)]
-    if good:
-        found, *others = (said(angle) for angle, said in good)
-        return replace(found, equals=(*found.equals, *(f"{one.cause} ({one.size})" for one in others)))
-    if elsewhere := _elsewhere(raw, stated, orientation):
-        return elsewhere
+    found = []
+    for name, axis, moved in axes:
+        under = stated
+        for _ in range(2):  # refraction is taken off about the right zenith only once that is known
+            measured, stand = mount_under(raw, under, orientation)[0], horizon_to_sensor(under.mount)
+            turn = product(stand.T, measured)
+            rough, _ = about(axis, turn)
+            covariance = product(stand.T, np.diag(np.square(noise_arcsec)), stand)
+            ((rest,), _) = taken_out(product(turn, erfa.rv2m(rough * axis)), [axis], covariance)
+            under = moved(rough + rest, under)
+        found.append(replace(under, cause=name))
+    return found
+
+
+_Moved = Callable[[float, GrossHypothesis], GrossHypothesis]
+
+
+def _in_words(one: GrossHypothesis, stated: GrossHypothesis) -> Finding:
+    """One of the hypotheses of any amount as a finding."""
+    if one.cause == "clock":
+        return _about_the_pole(one.clock_s, stated.site)
+    if one.cause == "latitude":
+        return _of_latitude(stated.site, one.site.latitude_deg)
+    return _of_angle(one.cause, stated.mount, one.mount)
+
+
+def _no_single(raw: RawAttitudes, stated: GrossHypothesis, orientation: EarthOrientation) -> Finding:
+    """A mount that looks elsewhere, which no single mistake explains."""
+    mount = stated.mount
+    turn = product(horizon_to_sensor(mount).T, mount_under(raw, stated, orientation)[0])
     fitted = mount_of(product(horizon_to_sensor(mount), turn))
     return Finding(
         "mount",
-        f"it looks {angle_text(error_deg)} from where the station file says: the stars fit azimuth "
+        f"it looks {angle_text(math.degrees(size_rad(turn)))} from where the station file says: the stars fit azimuth "
         f"{fitted.azimuth_deg:.2f}, altitude {fitted.altitude_deg:.2f}, roll {fitted.roll_deg:.2f} deg, stated are "
         f"{mount.azimuth_deg:g}, {mount.altitude_deg:g}, {mount.roll_deg:g} deg; no single mistake explains it",
         ("two mistakes at once of site, clock and mount",),
@@ -242,8 +280,8 @@ def turned(
     )
 
 
-def _elsewhere(raw: RawAttitudes, stated: GrossHypothesis, orientation: EarthOrientation) -> Finding | None:
-    """Another latitude and longitude, where they explain all three angles: by Newton's steps from the stated ones."""
+def _elsewhere(raw: RawAttitudes, stated: GrossHypothesis, orientation: EarthOrientation) -> GrossHypothesis:
+    """Another latitude and longitude, by Newton's steps from the stated ones."""
     at = stated
 
     def off_rad(under: GrossHypothesis) -> NDArray[np.float64]:
@@ -258,29 +296,17 @@ def _elsewhere(raw: RawAttitudes, stated: GrossHypothesis, orientation: EarthOri
         ]
         step_deg = lstsq(np.column_stack(slopes), -off)
         if abs(at.site.latitude_deg + float(step_deg[0])) > _MOST_LATITUDE_DEG:
-            return None
+            break
         at = _moved(at, *step_deg.tolist())
-    if math.degrees(length(off_rad(at))) > SAME_DEG:
-        return None
     size = f"the stars fit site.latitude_deg: {at.site.latitude_deg:.3f} and longitude_deg: {at.site.longitude_deg:.3f}"
     size += f", stated are {stated.site.latitude_deg:g} and {stated.site.longitude_deg:g}"
-    return Finding("site", size, ("a mount whose base is not level",), CORRECT, is_gross=True)
+    return replace(at, cause="site", size=size, next_step=CORRECT)
 
 
 def _moved(under: GrossHypothesis, north_deg: float, east_deg: float) -> GrossHypothesis:
     site = under.site
     longitude_deg = (site.longitude_deg + east_deg + 180) % 360 - 180
     return replace(under, site=replace(site, latitude_deg=site.latitude_deg + north_deg, longitude_deg=longitude_deg))
-
-
-def refined_s(raw: RawAttitudes, stated: GrossHypothesis, angle_rad: float, orientation: EarthOrientation) -> float:
-    """How fast the clock is, once refraction is taken off about the right zenith."""
-    fast_s = angle_rad / EARTH_RATE_RAD_PER_S
-    measured = mount_under(raw, replace(stated, clock_s=fast_s), orientation)[0]
-    return (
-        fast_s
-        + about(pole(stated.site), product(horizon_to_sensor(stated.mount).T, measured))[0] / EARTH_RATE_RAD_PER_S
-    )
 
 
 def _about_the_pole(fast_s: float, site: Site) -> Finding:
@@ -305,17 +331,14 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds < 60 else f"{minutes // 60} h {minutes % 60} min {rest} s"
 
 
-def _of_angle(name: str, turn_rad: float, mount: Mount) -> Finding:
-    off_deg = math.degrees(turn_rad) * (-1 if name == "altitude" else 1)
-    fits = getattr(mount, f"{name}_deg") + off_deg
-    if name != "altitude":
-        fits %= 360
+def _of_angle(name: str, mount: Mount, fitted: Mount) -> Finding:
+    fits = getattr(fitted, f"{name}_deg")
+    off_deg = (fits - getattr(mount, f"{name}_deg") + 180) % 360 - 180
     size = f"its {name} is off by {off_deg:+.3f} deg: the stars fit mount.{name}_deg: {fits:.3f}"
     return Finding("mount", size, (), _CHECK_MOUNT, is_gross=True)
 
 
-def _of_latitude(site: Site, turn_rad: float) -> Finding:
-    fits_deg = site.latitude_deg + math.degrees(turn_rad)
+def _of_latitude(site: Site, fits_deg: float) -> Finding:
     size = f"the stars fit site.latitude_deg: {fits_deg:.3f}, stated is {site.latitude_deg:g}"
     return Finding("latitude", size, (), CORRECT, is_gross=True)
 
@@ -327,8 +350,14 @@ def angle_text(angle_deg: float) -> str:
 
 GROSS_DEG = 0.3
 """Smaller errors are left to gse.diagnosis.fine_causes: a mount that is set by hand is off by as much."""
-_HIT_SHARE = 0.2
-"""A hypothesis must leave less of the error than this."""
+_MOST_CHI_SQUARE = 11.34
+"""Of three angles that are left, by noise alone in one session of a hundred."""
+_NEAR_SHARE, _NEAR_ARCSEC = 0.05, 20.0
+"""What explains nearly all is named, too, with what it leaves: a third of the usual limit at most."""
+_MOVED_SHARE = 0.2
+"""Of the turn of the ground: what sees the sky move by less follows it."""
+_STARS_ARCSEC, _TIMES_ROLL = 1.0, 10.0
+"""What the places of stars leave of the boresight, and how much worse they tell the roll."""
 _MAJORITY = 0.6
 """Least share of the frames that must agree; false answers are few."""
 _STEADY_DEG = 0.2
@@ -337,13 +366,32 @@ _STEADY_DEG = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GrossCause:
-    """A finding, and the errors (M, 3) of some frames that are left without it: columns, rows, roll, in arcsec.
-
-    None are where the cause may be the sensor's.
-    """
+    """A finding; ``is_exact`` where one mistake of the list explains it, and what that leaves is noise."""
 
     finding: Finding
+    is_exact: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """A hypothesis with what it leaves: columns, rows, roll, in arcsec, and in its noise."""
+
+    under: GrossHypothesis
     left_arcsec: NDArray[np.float64]
+    chi_square: float
+
+    @property
+    def is_exact(self) -> bool:
+        return self.chi_square < _MOST_CHI_SQUARE
+
+    @property
+    def left_deg(self) -> float:
+        return length(self.left_arcsec) / 3600
+
+    def is_near(self, error_deg: float) -> bool:
+        """Whether what it leaves is little of the error, and little of a limit."""
+        across = length(self.left_arcsec[:2]) < _NEAR_ARCSEC
+        return across and self.left_deg < min(_NEAR_SHARE * error_deg, _TIMES_ROLL * _NEAR_ARCSEC / 3600)
 
 
 def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation) -> GrossCause | None:
@@ -354,52 +402,69 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
     steady = apart_deg < _STEADY_DEG
     if steady.mean() < _MAJORITY:
         return _follows_the_sky(raw, float(apart_deg.max()))
-    whole, whole_measured = raw.taken(np.flatnonzero(steady)), measured[steady]
-    raw, measured = raw.some(steady), measured[steady][:1]
-    error_deg = error_deg_of(measured, mount)
-    if error_deg < GROSS_DEG:
+    noise_arcsec = _noise_arcsec(measured[steady], site, mount)
+    raw = raw.some(steady)
+
+    def tried(under: GrossHypothesis) -> _Tried:
+        left = errors_arcsec(mount_under(raw, under, orientation), horizon_to_sensor(under.mount)).mean(axis=0)
+        return _Tried(under, left, float(np.square(left / noise_arcsec).sum()))
+
+    if (error_deg := tried(stated).left_deg) < GROSS_DEG:
         return None
-    turn = product(horizon_to_sensor(mount).T, measured[0])
-    fast_s = refined_s(raw, stated, about(pole(site), turn)[0], orientation)
-    tried = [*of_site(site, mount), *of_mount(site, mount), *of_clock(stated, fast_s)]
-    left = [(error_deg_of(mount_under(raw, one, orientation), one.mount), one) for one in tried]
-    hits = sorted(
-        (item for item in left if item[0] < max(_HIT_SHARE * error_deg, SAME_DEG) and item[0] < GROSS_DEG),
-        key=lambda item: item[0],
-    )
-    if not hits:
-        return GrossCause(turned(raw, stated, turn, orientation), _scatter_arcsec(whole_measured))
-    equal = [one for remaining, one in hits if remaining <= hits[0][0] + SAME_DEG]
-    best = min(equal, key=tried.index)
-    finding = Finding(
-        best.cause,
-        f"{best.size}; that explains {angle_text(error_deg)}, all but {angle_text(hits[0][0])}",
-        tuple(f"{one.cause} ({one.size})" for one in equal if one is not best),
-        best.next_step,
+    of_one_axis = [tried(one) for one in _about_one_axis(raw, stated, orientation, noise_arcsec)]
+    fast_s = of_one_axis[0].under.clock_s
+    of_list = [tried(one) for one in (*of_site(site, mount), *of_mount(site, mount), *of_clock(stated, fast_s))]
+    if exact := [one for one in of_list if one.is_exact]:
+        return GrossCause(_of_the_list(exact, error_deg), is_exact=True)
+    if exact := [one for one in of_one_axis if one.is_exact]:
+        found, *others = (_in_words(one.under, stated) for one in exact)
+        return GrossCause(replace(found, equals=(*found.equals, *(f"{one.cause} ({one.size})" for one in others))))
+    if (elsewhere := tried(_elsewhere(raw, stated, orientation))).is_exact:
+        of = elsewhere.under
+        return GrossCause(Finding(of.cause, of.size, ("a mount whose base is not level",), of.next_step, is_gross=True))
+    nearest = min((*of_list, *of_one_axis), key=lambda one: one.left_deg)
+    if nearest.is_near(error_deg):
+        if nearest in of_list:
+            return GrossCause(_of_the_list([nearest], error_deg))
+        found = _in_words(nearest.under, stated)
+        return GrossCause(replace(found, size=f"{found.size}; all but {angle_text(nearest.left_deg)}"))
+    rough = min(of_list, key=lambda one: one.left_deg)
+    if rough.left_deg < min(_NEAR_SHARE * error_deg, GROSS_DEG):
+        return GrossCause(_of_the_list([rough], error_deg))
+    return GrossCause(_no_single(raw, stated, orientation))
+
+
+def _of_the_list(equal: list[_Tried], error_deg: float) -> Finding:
+    """The first of mistakes that explain as much, with the others."""
+    best, *others = equal
+    return Finding(
+        best.under.cause,
+        f"{best.under.size}; that explains {angle_text(error_deg)}, all but {angle_text(best.left_deg)}",
+        tuple(f"{one.under.cause} ({one.under.size})" for one in others),
+        best.under.next_step,
         is_gross=True,
     )
-    return GrossCause(finding, errors_arcsec(mount_under(whole, best, orientation), horizon_to_sensor(best.mount)))
 
 
-def left_with(
-    raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation, fast_s: float
-) -> NDArray[np.float64]:
-    """The errors (M, 3) that are left at a site when the host's clock is so fast: columns, rows, roll, in arcsec."""
-    under = GrossHypothesis("", "", "", site, mount, fast_s)
-    return errors_arcsec(mount_under(raw, under, orientation), horizon_to_sensor(mount))
-
-
-def _scatter_arcsec(measured: NDArray[np.float64]) -> NDArray[np.float64]:
-    """About the mount that fits the frames best."""
+def _noise_arcsec(measured: NDArray[np.float64], site: Site, mount: Mount) -> NDArray[np.float64]:
+    """Standard deviations (3,) of what the right hypothesis leaves: of three frames, stars, and what is stated."""
     off = errors_arcsec(measured, measured[central(measured)])
-    return np.asarray(off - off.mean(axis=0))
+    scatter = off.std(axis=0) / math.sqrt(min(len(off), 3))
+    position_arcsec = site.uncertainty.position_m / (EARTH_RADIUS_M * ARCSEC_RAD)
+    known = mount.uncertainty
+    stated = math.hypot(known.azimuth_arcsec, known.altitude_arcsec, site.uncertainty.vertical_arcsec, position_arcsec)
+    across, roll = (
+        math.hypot(TO_STANDARD * stated, _STARS_ARCSEC),
+        math.hypot(TO_STANDARD * math.hypot(known.roll_arcsec, known.azimuth_arcsec), _TIMES_ROLL * _STARS_ARCSEC),
+    )
+    return np.asarray(np.hypot(scatter, [across, across, roll]))
 
 
 def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> GrossCause | None:
     """A mount that is driven, or answers that stand still; any other move is left to gse.diagnosis.fine_causes."""
     at = central(raw.icrs_to_sensor)
     on_sky = np.degrees(np.linalg.norm(small_rotations(raw.icrs_to_sensor, raw.icrs_to_sensor[at]), axis=1))
-    if float(np.median(on_sky)) > _HIT_SHARE * apart_deg:
+    if float(np.median(on_sky)) > _MOVED_SHARE * apart_deg:
         return None
     finding = Finding(
         "mount follows the sky",
@@ -408,7 +473,7 @@ def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> GrossCause | None:
         "stop the drive of the mount: a test needs a mount that is fixed to the ground",
         is_gross=True,
     )
-    return GrossCause(finding, np.zeros((0, 3)))
+    return GrossCause(finding)
 
 
 # The gross cause of a session: its answers against the stated site, mount and clock.
@@ -424,22 +489,12 @@ def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | Non
 
 
 def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause | None:
-    """The same with the errors that it leaves."""
+    """The same with whether it is exact."""
     mount, orientation = session.station.mount, session.earth_orientation
     raw = _raw_attitudes(session, counted)
     if raw is None or orientation is None:
         return None
     return gross_cause(raw, session.station.site, mount, orientation)
-
-
-def left_under(
-    session: SessionData, counted: CountedFrames, *, fast_s: float = 0.0, site: Site | None = None
-) -> NDArray[np.float64]:
-    """The errors (M, 3) that a session shows with another clock or site than stated, in arcsec; none of no answers."""
-    raw, orientation = _raw_attitudes(session, counted), session.earth_orientation
-    if raw is None or orientation is None:
-        return np.zeros((0, 3))
-    return left_with(raw, site or session.station.site, session.station.mount, orientation, fast_s)
 
 
 def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes | None:

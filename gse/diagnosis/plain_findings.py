@@ -340,6 +340,31 @@ def _without_answer(session: SessionData) -> Finding:
     )
 
 
+STARS_BY_DAY = "stars by day"
+_DAY_DEG = 1.0
+"""A Sun that is no higher may stand behind a hill, or be lifted by air."""
+_FEWEST_BY_DAY = 5
+
+
+def stars_by_day(session: SessionData, counted: CountedFrames) -> Iterator[Finding]:
+    """Stars that are named though the Sun is up: both cannot be, but before a star simulator or an emulator."""
+    frames = session.frames.columns
+    is_test = any(event.kind == StationKind.TEST_STREAM for event in session.events)
+    if is_test or session.station.mount.inertial is not None:
+        return
+    seen = counted.answered & ~counted.false & ~counted.excluded & (frames["sun_altitude_deg"] > _DAY_DEG)
+    if seen.sum() < _FEWEST_BY_DAY:
+        return
+    sun_deg = float(np.median(frames["sun_altitude_deg"][seen]))
+    yield Finding(
+        STARS_BY_DAY,
+        f"stars are identified in {count_text(int(seen.sum()), 'frame')} though the Sun stands {sun_deg:.0f} deg above "
+        "the horizon, by this clock and site",
+        ("a clock, a date or a site that is wrong, which a fitted mount hides", "an emulator, a screen or a recording"),
+        "check clock and site: gse preflight; before a star simulator state mount.inertial",
+    )
+
+
 def faulty_panoramas(session: SessionData) -> Iterator[Finding]:
     """Where more than half of the panoramas are."""
     status = session.frames.columns["status"]

@@ -1,40 +1,61 @@
 """A mistake of the set-up that explains what a session shows: then its errors tell nothing of the sensor.
 
-The identifier named the right stars, only not where site, clock and mount of the station file say. Where the errors
-that are left without the mistake keep the limits, no row fails for it: the word is INCONCLUSIVE, and the mistake is the
-first reason. A mirrored image or a focal length under which nothing can be identified is one too, a camera with which
-many stars lie too far off to be named, air that is not that of the height, and a host whose clock shows GPS time or
-TAI: no latency of a sensor is 18 or 37 s. Where the reference identifier names no star in the whole session either,
-sky, station file and sensor cannot be told apart, and no row of the identifier fails. What the sensor answers itself no
-camera of the station file excuses.
+The identifier named the right stars, only not where site, clock and mount of the station file say. A row that keeps its
+limit once the mistake is taken out does not fail for it: the word is INCONCLUSIVE, and the mistake is the first reason.
+A mirrored image or a focal length under which nothing can be identified is one too, a camera with which many stars lie
+too far off to be named. Where the reference identifier names no star in the whole session either, sky, station file and
+sensor cannot be told apart, and no row of the identifier fails. What the sensor answers itself no camera of the station
+file excuses.
+
+A turn that panoramas and reference share with the subject may be that of site, mount, clock or air, as far as nobody
+vouches for them; a stated uncertainty, --clock-error and a kernel whose clock is synchronised vouch.
 
 A session that lost its station file is judged on the built-in one, whose limits are not its own: it neither passes nor
 fails.
 """
 
-from dataclasses import replace
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.config.station import Station
 from gse.diagnosis.fine_findings import CLOCK_SCALES
-from gse.diagnosis.gross_causes import gross_cause_of, left_under
+from gse.diagnosis.gross_causes import angle_text, gross_cause_of
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
+from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_rad, taken_out
+from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import StationKind
-from gse.station.results import AnswerCheck, Status
+from gse.station.frame_table import residuals_of, xy_px_of
+from gse.station.mount_alignment import persistent_arcsec2
+from gse.station.results import ERRORS, AnswerCheck, Status
 from gse.station.session_data import SessionData
+from gse.statistics.clock_health import ClockHealth
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.excuses import Mistake, Mistaken
-from gse.values.axis import D_DE, D_RA_COSDE, D_ROLL
+from gse.statistics.session_statistics import Statistics
+from gse.statistics.truth_budget import TruthUncertaintyBudget
+from gse.statistics.uncertainty import TO_STANDARD
+from gse.truth import Alignment, fit_mount, horizon_to_sensor, mount_of, small_rotations
+from gse.values.attitude_convention import AttitudeConvention, read_angles, state_angles
+from gse.values.axis import AXES, OF_SENSOR
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
 from gse.values.finding import Finding
-from gse.values.limits import Limits
+from gse.values.matrices import length, product
+from gse.values.mount import Mount, MountUncertainty
+from gse.values.site import Site, SiteUncertainty
+from gse.values.star_influence import FrameFits
 
 _OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
 _NO_STATION = "station file"
 _NOTHING = "nothing identified"
-_KEPT_SHARE = 0.9
-"""Share of some 15 frames that must lie inside: one may lie outside."""
+OF_PLACE = ("mount", "clock offset", "site", "refraction", *CLOCK_SCALES)
+"""Fine causes that turn the measured mount."""
 
 
 def lost_station(session: SessionData) -> Finding | None:
@@ -45,28 +66,9 @@ def lost_station(session: SessionData) -> Finding | None:
     return None
 
 
-def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Finding, ...]) -> Finding | None:
-    """The one of the findings that explains it all, if there is one."""
-    of_camera = [finding for finding in found if _hides_all(session, counted, finding)]
-    if of_camera:
-        return of_camera[0]
-    for finding in found:
-        if (left_arcsec := _left_without(session, counted, finding)) is not None:
-            return finding if _keeps(left_arcsec, session.station.limits) else None
-    gross = [finding for finding in found if finding.is_gross]
-    cause = gross_cause_of(session, counted) if gross else None
-    if cause is None or not _keeps(cause.left_arcsec, session.station.limits):
-        return None
-    return cause.finding
-
-
-def _left_without(session: SessionData, counted: CountedFrames, finding: Finding) -> NDArray[np.float64] | None:
-    """The errors that are left without a fine mistake that is no sensor's: of the time scale, or of the air."""
-    if finding.cause in CLOCK_SCALES:
-        return left_under(session, counted, fast_s=CLOCK_SCALES[finding.cause])
-    if finding.cause == "refraction":
-        return left_under(session, counted, site=replace(session.station.site, pressure_hpa=None, temperature_c=None))
-    return None
+def camera_mistake(session: SessionData, counted: CountedFrames, found: tuple[Finding, ...]) -> Finding | None:
+    """The camera among the findings that explains it all, if there is one."""
+    return next((finding for finding in found if _hides_all(session, counted, finding)), None)
 
 
 def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -> bool:
@@ -88,16 +90,260 @@ def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -
     return _OF_CAMERA.get(finding.cause) in kinds
 
 
-def _keeps(left_arcsec: NDArray[np.float64], limits: Limits) -> bool:
-    if not len(left_arcsec):
-        return False
-    across = np.hypot(left_arcsec[:, 0], left_arcsec[:, 1]) <= np.hypot(limits.of(D_RA_COSDE), limits.of(D_DE))
-    return bool((across & (np.abs(left_arcsec[:, 2]) <= limits.of(D_ROLL))).mean() >= _KEPT_SHARE)
-
-
 def mistake_of(finding: Finding) -> Mistake:
     """What a mistake is of, which says what it excuses."""
     if finding.cause == _NO_STATION:
         return Mistake(Mistaken.STATION_FILE, finding.cause)
     is_camera = finding.cause in (*_OF_CAMERA, *STARS_FALL_OUT, _NOTHING)
     return Mistake(Mistaken.CAMERA if is_camera else Mistaken.PLACE, finding.cause)
+
+
+# The turn that panoramas, reference and subject share, and whether the set-up may be the excuse for it.
+#
+# Each quantity of the set-up turns the measured mount about axes of the horizon frame: clock and longitude about the
+# pole, the latitude about east, the mount about its own axes. One that nobody vouches for may be off by any angle, one
+# that somebody vouches for by three of the standard deviations that were stated. What is left of the turn, once the
+# free axes took what they can, is compared with the covariance of all that is known.
+
+_MOST_SIGMAS = 3.0
+_FEWEST_FRAMES, _MOST_FITTED, _MOST_SHOWN = 3, 20_000, 2_000
+_LEAST_ARCSEC = 1.0
+"""What the models of air and stars leave open."""
+_LEAST_COS_LATITUDE = 0.01
+"""Within 64 km of a pole azimuth is counted from a meridian that is chosen, not found."""
+_FEW_MEANS_ARCSEC = 30.0
+"""What so short a session leaves open that its means do not tell their own scatter."""
+_SET_UP_TERMS = ("clock", "site position", "mount azimuth", "mount altitude", "mount roll")
+_ROWS_AT_ONCE = 1 << 14
+_OTHER_STARS_RAD = 3600 * ARCSEC_RAD
+"""Stars that lie further from where an answer has them are not those that it saw."""
+_Errors = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Quantity:
+    """One quantity of the set-up: its axes (3,) in the horizon frame, and how well they are known, one sigma.
+
+    ``by`` says who vouches for it; empty: nobody.
+    """
+
+    name: str
+    axes: tuple[NDArray[np.float64], ...]
+    sigma_arcsec: float
+    by: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SharedTurn:
+    """The mount that the stars fit, as ``fit``, and who vouches for the one that is stated.
+
+    ``is_free`` where what nobody vouches for explains the turn between the two, with what is stated of the rest.
+    """
+
+    fit: Alignment
+    turn_arcsec: float
+    is_free: bool
+    vouched: tuple[str, ...]
+    unvouched: tuple[str, ...]
+
+    @property
+    def who(self) -> str:
+        """Who vouches for what, in words."""
+        nobody = f"nobody vouches for {' and '.join(self.unvouched)}" if self.unvouched else ""
+        return "; ".join(part for part in (", ".join(self.vouched), nobody) if part)
+
+
+def shared_turn(session: SessionData, stats: Statistics, budget: TruthUncertaintyBudget) -> SharedTurn | None:
+    """The turn that most frames show; None where no stated mount stands under the sky, or too few frames tell it."""
+    mount = session.station.mount
+    if session.alignment is not None or not mount.stated or mount.inertial is not None or mount.align is not None:
+        return None
+    shown = _shown(session, stats.counted)
+    rows = np.flatnonzero(shown)
+    if len(rows) < _FEWEST_FRAMES:
+        return None
+    stated = horizon_to_sensor(mount)
+    frames = session.frames.columns
+    rows = rows[:: -(-len(rows) // _MOST_FITTED)]
+    measured = product(_as_turns(*(frames[axis.column][rows] for axis in OF_SENSOR)), stated)
+    fit = fit_mount(frames["utc_ns"][rows], measured, persistent_arcsec2=persistent_arcsec2(session))
+    if session.station.identifier.algorithm == "external":
+        by_stars = product(erfa.rv2m(-_off_its_stars(session, shown)), horizon_to_sensor(fit.mount))
+        fit = replace(fit, mount=mount_of(by_stars))
+    quantities = tuple(_quantities(session.station, stats.clock))
+    turn = product(stated.T, horizon_to_sensor(fit.mount))
+    free = [axis for one in quantities if not one.by for axis in one.axes]
+    known = product(stated.T, _covariance(fit, session.station.site, budget), stated)
+    for axis, sigma_arcsec in [(axis, one.sigma_arcsec) for one in quantities if one.by for axis in one.axes]:
+        known = known + sigma_arcsec**2 * np.outer(axis, axis)
+    _, chi_square = taken_out(turn, free, known * ARCSEC_RAD**2)
+    return SharedTurn(
+        fit,
+        size_rad(turn) * ARCSEC_PER_RAD,
+        chi_square <= _MOST_SIGMAS**2,
+        tuple(f"{one.name} vouched for by {one.by}" for one in quantities if one.by),
+        tuple(dict.fromkeys(one.name.split()[0] for one in quantities if not one.by)),
+    )
+
+
+def mount_fit(session: SessionData, counted: CountedFrames) -> dict[str, Any] | None:
+    """The stated mount beside the one that the stars fit, for a report; None where there are not both.
+
+    Where the session was judged with a fitted mount, that one counts.
+    """
+    mount = session.station.mount
+    if not mount.stated or mount.inertial is not None:
+        return None
+    rows = np.flatnonzero(_shown(session, counted))
+    if session.alignment is not None:
+        fitted = session.alignment.mount
+    elif len(rows) >= _FEWEST_FRAMES:
+        frames, rows = session.frames.columns, rows[:: -(-len(rows) // _MOST_SHOWN)]
+        measured = product(_as_turns(*(frames[axis.column][rows] for axis in OF_SENSOR)), horizon_to_sensor(mount))
+        fitted = fit_mount(frames["utc_ns"][rows], measured).mount
+    else:
+        return None
+    (turn,) = small_rotations(horizon_to_sensor(fitted)[None], horizon_to_sensor(mount)) * ARCSEC_PER_RAD
+    return {
+        "stated_deg": [mount.azimuth_deg, mount.altitude_deg, mount.roll_deg],
+        "fitted_deg": [fitted.azimuth_deg, fitted.altitude_deg, fitted.roll_deg],
+        "across_arcsec": math.hypot(turn[0], turn[1]),
+        "roll_arcsec": float(turn[2]),
+    }
+
+
+def _shown(session: SessionData, counted: CountedFrames) -> NDArray[np.bool_]:
+    """Frames (M,) whose errors are those of the sky that was seen: of the right stars, at a known time."""
+    frames = session.frames.columns
+    known = np.isfinite(frames["cross_x_arcsec"]) & np.isfinite(frames["d_roll_arcsec"])
+    wrong = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    return np.asarray(counted.answered & known & ~wrong & ~counted.excluded)
+
+
+def _off_its_stars(session: SessionData, shown: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The rotation vector (3,) from the answers of an external program to the attitude of the stars that it names.
+
+    That part of its errors is its own; nothing of a program that names no stars, or others than those it saw.
+    """
+    matches = session.frames.matches
+    matches = matches.compress(matches["named"] & shown[matches["frame"]])
+    if not len(matches):
+        return np.zeros(3)
+    directions = session.station.sensor.camera().directions(xy_px_of(matches))
+    turns = FrameFits.from_directions(directions, matches["frame"]).turns(residuals_of(matches) * ARCSEC_RAD)
+    off = np.median(turns, axis=0)
+    return np.asarray(off if length(off) < _OTHER_STARS_RAD else np.zeros(3))
+
+
+def _as_turns(x_arcsec: _Errors, y_arcsec: _Errors, roll_arcsec: _Errors) -> NDArray[np.float64]:
+    """The rotations (M, 3, 3) from true to measured attitude whose arcs and roll (M,) these are."""
+    x, y, roll = (errors / ARCSEC_PER_RAD for errors in (x_arcsec, y_arcsec, roll_arcsec))
+    arc = np.hypot(x, y)
+    share = np.sinc(arc / np.pi)
+    bx, by, bz = x * share, y * share, np.cos(arc)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level = 1 / (1 + bz)
+    first = np.stack([1 - bx * bx * level, -bx * by * level, -bx], axis=-1)
+    second = np.stack([-bx * by * level, 1 - by * by * level, -by], axis=-1)
+    cos, sin = np.cos(roll)[:, None], np.sin(roll)[:, None]
+    return np.stack([cos * first - sin * second, sin * first + cos * second, np.stack([bx, by, bz], axis=-1)], axis=1)
+
+
+def without_turn(session: SessionData, fit: Alignment) -> SessionData:
+    """The session as it would have been judged with the mount that the stars fit."""
+    table = session.frames.snapshot()
+    frames = table.columns
+    turn = product(horizon_to_sensor(fit.mount), horizon_to_sensor(session.station.mount).T)
+    for first in range(0, len(frames), _ROWS_AT_ONCE):
+        part = slice(first, first + _ROWS_AT_ONCE)
+        no_roll = np.isnan(frames["d_roll_arcsec"][part])
+        angles = np.column_stack([frames[f"{name}_true_deg"][part] for name in ("ra", "de", "roll")])
+        true = read_angles(angles, AttitudeConvention())
+        x, y, roll = (frames[axis.column][part] for axis in OF_SENSOR)
+        measured = product(_as_turns(x, y, np.where(no_roll, 0.0, roll)), true)
+        true = product(turn, true)
+        errors = attitude_errors(measured, true)
+        errors[no_roll, ERRORS.index("d_roll_arcsec")] = np.nan
+        for name, values in zip(ERRORS, errors.T, strict=True):
+            frames[name][part] = values
+        for name, values in zip(("ra", "de", "roll"), state_angles(true, AttitudeConvention()).T, strict=True):
+            frames[f"{name}_true_deg"][part] = values
+    return replace(session, frames=table, alignment=fit)
+
+
+def _quantities(station: Station, clock: ClockHealth) -> Iterator[_Quantity]:
+    """What turns the measured mount, and who vouches for it: defaults and a fit of earlier stars vouch for nothing."""
+    site, mount = station.site, station.mount
+    boresight = horizon_to_sensor(mount)[2]
+    axes = {"azimuth": (VERTICAL,), "altitude": (level_axis(mount), ahead(mount)), "roll": (boresight,)}
+    for name, of_angle in axes.items():
+        key = f"{name}_arcsec"
+        stated = getattr(mount.uncertainty, key)
+        is_vouched = stated != getattr(MountUncertainty(), key) and not mount.uncertainty.fitted
+        by = f"the station file (mount.uncertainty.{key}: {stated:g})" if is_vouched else ""
+        yield _Quantity(f"mount {name}", of_angle, stated * TO_STANDARD, by)
+    position_m = site.uncertainty.position_m
+    north_arcsec = position_m * TO_STANDARD / (EARTH_RADIUS_M * ARCSEC_RAD)
+    is_vouched = position_m != SiteUncertainty().position_m
+    by = f"the station file (site.uncertainty.position_m: {position_m:g})" if is_vouched else ""
+    parallel = max(math.cos(math.radians(site.latitude_deg)), _LEAST_COS_LATITUDE)
+    yield _Quantity("site latitude", (EAST,), north_arcsec, by)
+    yield _Quantity("site longitude", (pole(site),), north_arcsec / parallel, by)
+    of_clock = clock.error_bound_s / math.sqrt(3) * EARTH_RATE_ARCSEC_PER_S
+    yield _Quantity("clock", (pole(site),), of_clock, clock.vouched_by)
+
+
+def _covariance(fit: Alignment, site: Site, budget: TruthUncertaintyBudget) -> NDArray[np.float64]:
+    """In the sensor frame (3, 3), of the fit and of all of the truth but what the quantities of the set-up are."""
+    covariance = np.array(fit.covariance_arcsec2)
+    if not np.isfinite(covariance).all():
+        covariance = np.eye(3) * _FEW_MEANS_ARCSEC**2
+    others = [term for term in budget.terms if term.name not in _SET_UP_TERMS]
+    along = [[size for term in others if math.isfinite(size := term.of(axis))] for axis in AXES]
+    right_ascension, declination, roll = (math.hypot(*sizes) for sizes in along)
+    across = math.hypot(max(right_ascension, declination), _LEAST_ARCSEC)
+    covariance += np.diag(np.square([across, across, math.hypot(roll, _LEAST_ARCSEC)]))
+    if site.uncertainty.pressure_hpa is None:  # nobody vouches for the air, and it is no more than there may be
+        lifted = max((term.size_arcsec for term in others if term.name == "refraction: model"), default=0.0)
+        covariance[0, 0] += (lifted / _MOST_SIGMAS) ** 2
+        covariance[1, 1] += (lifted / _MOST_SIGMAS) ** 2
+    return covariance
+
+
+def place_mistake(
+    session: SessionData, counted: CountedFrames, found: tuple[Finding, ...], shared: SharedTurn
+) -> Finding | None:
+    """What of the set-up explains the shared turn, with who vouches; None where all that could is vouched for.
+
+    An exact hit among the gross mistakes is one though somebody vouches: both cannot be.
+    """
+    named = next((finding for finding in found if finding.is_gross or finding.cause in OF_PLACE), None)
+    gross = gross_cause_of(session, counted) if named and named.is_gross else None
+    is_exact = named is not None and (named.cause in CLOCK_SCALES or (gross is not None and gross.is_exact))
+    if not shared.is_free and not is_exact:
+        return None
+    both = "" if shared.is_free else ", and both cannot be"
+    finding = named or _elsewhere(session.station.mount, shared)
+    return replace(finding, size=f"{finding.size} ({shared.who}{both})")
+
+
+def _elsewhere(stated: Mount, shared: SharedTurn) -> Finding:
+    fitted = shared.fit.mount
+    size = (
+        f"it looks {angle_text(shared.turn_arcsec / 3600)} from where the station file says: the stars fit azimuth "
+        f"{fitted.azimuth_deg:.3f}, altitude {fitted.altitude_deg:.3f}, roll {fitted.roll_deg:.3f} deg, stated are "
+        f"{stated.azimuth_deg:g}, {stated.altitude_deg:g}, {stated.roll_deg:g} deg"
+    )
+    return Finding("mount", size, ("site", "clock offset"), "gse align SESSION --write FILE")
+
+
+def alignment_finding(shared: SharedTurn) -> Finding:
+    """What remains where all of the set-up is vouched for."""
+    return Finding(
+        "alignment of the sensor",
+        f"panoramas and stars agree on a turn of {angle_text(shared.turn_arcsec / 3600)} from the stated mount, and "
+        f"the set-up cannot be the reason: {shared.who}",
+        ("a latency of the sensor", "a principal point that is not as stated"),
+        "measure how the sensor stands on its mount; where an uncertainty was stated too small, correct it and judge "
+        "the same recording again: gse report SESSION --station FILE",
+    )

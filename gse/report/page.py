@@ -3,6 +3,7 @@
 import functools
 import itertools
 import json
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import resources
@@ -14,6 +15,7 @@ from jinja2.bccache import Bucket
 from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
+from gse.config.station import DocumentedTest
 from gse.process.jit import compiled_folder
 from gse.report.metric_table import metric_table
 from gse.report.provenance import Provenance, canonical, fingerprint
@@ -33,12 +35,12 @@ _AXIS_NAMES = {
 }
 _AXIS_COLUMNS = (
     ("bias_arcsec", "bias"),
-    ("bias_error_arcsec", "± (95 %)"),
+    ("bias_error_arcsec", "± (95 % interval)"),
     ("std_arcsec", "std (1 σ)"),
     ("three_sigma_arcsec", "3 σ"),
     ("rms_arcsec", "RMS"),
     ("mean_abs_arcsec", "mean |x|"),
-    ("p95_abs_arcsec", "95 % |x|"),
+    ("p95_abs_arcsec", "|x| of 95 of 100 frames"),
     ("max_abs_arcsec", "max |x|"),
     ("low_frequency_arcsec", "low freq."),
     ("nea_arcsec", "NEA"),
@@ -65,6 +67,10 @@ def report_html(
         report=report,
         further=further_lines(report),
         simple=is_simple(report),
+        has_test=session.station.test != DocumentedTest(),
+        lacking=_lacking(report["test"]),
+        envelope=_envelope(report["envelope"]),
+        **_terms(report["truth_budget"]),
         fingerprint=canonical(fingerprint(report)),
         style=_resource("report.css"),
         caption=numbered("Table", "caption"),
@@ -82,6 +88,63 @@ def report_html(
         provenance_json=json.dumps(made_by, separators=(",", ":")),
         provenance=[(key.replace("_", " "), _in_words(key, value)) for key, value in (made_by or {}).items()],
     )
+
+
+_SIGNED = ("id", "procedure", "operator", "approver")
+"""What a signature needs to stand for something."""
+_SMALL = 0.01
+"""Share of the combined uncertainty below which a term is only named."""
+
+
+def _lacking(test: dict[str, Any]) -> list[str]:
+    """The keys of the station file without which there is nothing to sign."""
+    keys = [f"test.{key}" for key in _SIGNED if test[key] in (None, "")]
+    serial = test["sensor"]["serial"]
+    return keys if serial["sent"] or serial["stated"] else [*keys, "test.sensor_serial"]
+
+
+def _envelope(met: dict[str, Any]) -> list[tuple[str, str]]:
+    """The conditions that a session met, in words; those that it does not know are left out."""
+    shown = (
+        ("frames", "frames_hz", "Hz"),
+        ("boresight on the sky", "boresight_arcsec_per_s", "arcsec/s"),
+        ("exposure", "exposure_s", "s"),
+        ("detector temperature", "temperature_c", "°C"),
+        ("faintest star of a frame", "limiting_mag", "mag"),
+        ("stars of an answer", "matched", ""),
+        ("star fields", "star_fields", ""),
+        ("altitude of the Sun", "sun_altitude_deg", "°"),
+    )
+    return [(name, _extent(met[key], unit)) for name, key, unit in shown if met[key] is not None]
+
+
+def _extent(value: Any, unit: str) -> str:
+    if not isinstance(value, dict):
+        return f"{value:.4g} {unit}".rstrip()
+    low, high = f"{value['min']:.4g}", f"{value['max']:.4g}"
+    return f"{low if low == high else f'{low} to {high}'} {unit}".rstrip()
+
+
+def _terms(budget: dict[str, Any]) -> dict[str, Any]:
+    """Those of a budget that count, and the names of the others with what they are together."""
+    sizes = [[term[f"{axis}_arcsec"] for axis in ("ra", "de", "roll")] for term in budget["terms"]]
+    combined = [axis["standard_arcsec"] for axis in budget["axes"].values()]
+    # beside a term that is not known, the greatest of the others tells what is small
+    known = [max((of[axis] for of in sizes if of[axis] is not None), default=0.0) for axis in range(3)]
+    totals = [known[axis] if total is None else total for axis, total in enumerate(combined)]
+    small = [
+        all(size is not None and size <= _SMALL * total for size, total in zip(of, totals, strict=True)) for of in sizes
+    ]
+    together = [
+        math.hypot(*(of[axis] for of, is_small in zip(sizes, small, strict=True) if is_small)) for axis in range(3)
+    ]
+    return {
+        "budget_terms": [term for term, is_small in zip(budget["terms"], small, strict=True) if not is_small],
+        "small_terms": {
+            "names": [term["name"] for term, is_small in zip(budget["terms"], small, strict=True) if is_small],
+            "together_arcsec": together,
+        },
+    }
 
 
 def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:

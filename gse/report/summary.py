@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.diagnosis.set_up_mistake import mount_fit
 from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Row
 from gse.statistics.decision import Row as DecisionRow
@@ -22,6 +24,7 @@ from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values import instant
+from gse.values.limits import Decision
 from gse.verdict.assessment import Assessment, is_left_out
 from protocols import StatusMessage
 
@@ -83,6 +86,7 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "word": assessment.word,
         "simulated": assessment.simulated,
         "relative": assessment.relative,
+        "tested": tested(session, stats),
         "reasons": assessment.reasons,
         "findings": [str(finding) for finding in assessment.findings],
         "diagnosis": assessment.findings,
@@ -97,6 +101,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "identification": _identification(stats),
         "timing": _timing(stats),
         "clock": stats.clock,
+        "envelope": _envelope(session, stats),
+        "mount_fit": mount_fit(session, stats.counted),
         "equivalence": stats.equivalence,
         "link": {**dataclasses.asdict(session.link), "truncated": session.truncated},
         "truth_budget": _budget(assessment.budget),
@@ -115,6 +121,31 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         report["external_identifier"] = external
     document: dict[str, Any] = plain(report)
     return document | {"conclusion": conclusion(document)}
+
+
+def tested(session: SessionData, stats: Statistics) -> str:
+    """What the verdict is on: an identifier on the panoramas of a sensor, or what the sensor answers itself."""
+    name, subjects = session.station.sensor.name, stats.subjects
+    own = "the sensor's own answers" + ("" if Subject.SENSOR in subjects else ": not tested")
+    if Subject.ONBOARD not in subjects:
+        return f"the own answers of {name}"
+    identifier = f"identifier {session.station.identifier.label} on the panoramas of {name}"
+    return f"{identifier}{' and ' if Subject.SENSOR in subjects else '; '}{own}"
+
+
+def _envelope(session: SessionData, stats: Statistics) -> dict[str, Any]:
+    """The conditions that the counted frames of a session met: outside of them the verdict claims nothing."""
+    frames, used = session.frames.columns, stats.counted.used
+    steps_s = np.diff(frames["utc_ns"]) / instant.NS_PER_S
+    step_s = float(np.median(steps_s)) if len(steps_s) else math.nan
+    names = "exposure_s", "temperature_c", "limiting_mag", "matched", "sun_altitude_deg"
+    ranges = {name: _range(frames[name][used].astype(np.float32)) for name in names}
+    return {
+        "frames_hz": 1 / step_s if step_s > 0 else None,
+        "boresight_arcsec_per_s": stats.onboard.earth_rate.measured_arcsec_per_s,
+        "star_fields": stats.onboard.star_fields,
+        **{name: None if of["min"] is None else of for name, of in ranges.items()},
+    }
 
 
 def external_identifier(session: SessionData) -> dict[str, Any] | None:
@@ -141,7 +172,23 @@ def external_identifier(session: SessionData) -> dict[str, Any] | None:
 
 def _decision(session: SessionData) -> dict[str, Any]:
     rule = session.station.limits.decision
-    return {"rule": rule, "confidence": 1 - RISK, "coverage_factor": COVERAGE_FACTOR, "text": DECISION_TEXT[rule]}
+    return {
+        "rule": rule,
+        "confidence": 1 - RISK,
+        "coverage_factor": COVERAGE_FACTOR,
+        "text": DECISION_TEXT[rule],
+        "risks": _RISKS[rule],
+    }
+
+
+_RISKS = {
+    Decision.GUARDED: (
+        f"Risks of each row for a sensor at its limit: {100 * RISK:.0f} % of a false PASS, as much of a false FAIL."
+    ),
+    Decision.SIMPLE: (
+        "Risks of each row: that of a false PASS is stated beside it; that of a false FAIL is up to 50 % at the limit."
+    ),
+}
 
 
 def _row(session: SessionData, row: DecisionRow) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from gse.values.limits import Decision
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "INCONCLUSIVE": "yellow"}
 _LEAST_RISK = 1e-3
-_HEAD = ("subject", "row", "value", "U 95 %", "limit", "outcome")
+_HEAD = ("subject", "row", "value", "U (95 %, one-sided)", "limit", "outcome")
 
 
 def print_verdict(

@@ -13,10 +13,10 @@ from gse.station.attitude_error import attitude_error
 from gse.statistics.uncertainty import TO_STANDARD, Distribution, Term
 from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor
 from gse.values.attitude import Attitude
-from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
 from gse.values.matrices import eigh, length, product
 from gse.values.mount import InertialDirection, Mount
-from gse.values.site import Site
+from gse.values.site import Site, SiteUncertainty
 
 # The truth of one instant, and by how much a reported error changes when an input of it is another.
 #
@@ -124,6 +124,29 @@ _BLOCK_S = 20.0
 """The fit's scatter is that of means over this much."""
 
 
+def _whose(key: str, known: object, name: str, unit: str) -> str:
+    """Whose value an uncertainty is: the station file's, by its key, or the default, in its unit."""
+    stated, default = getattr(known, name), getattr(type(known)(), name)
+    if getattr(known, "fitted", False):
+        return f"A: the fit of an earlier session by gse align, {key}: {stated:g}"
+    if stated != default:
+        return f"B: the station file, {key}: {stated:g}"
+    return f"B: the default, {default:g} {unit} (95 %)"
+
+
+_OF_AIR = {"pressure": "pressure_hpa", "temperature": "temperature_c", "humidity": "relative_humidity"}
+
+
+def _whose_air(site: Site, name: str) -> str:
+    """The same of one quantity of the air, whose default depends on whether it was entered."""
+    key = _OF_AIR[name]
+    stated = getattr(site.uncertainty, key)
+    in_force = {"pressure": site.pressure_uncertainty_hpa, "temperature": site.temperature_uncertainty_c}
+    if stated == getattr(SiteUncertainty(), key):
+        return f"known to the default, {in_force.get(name, stated):g} (95 %)"
+    return f"known as in the station file, site.uncertainty.{key}: {stated:g}"
+
+
 def stated_mount(mount: Mount, at: ChangedTruth) -> list[Term]:
     """The altitude's uncertainty is that of the level, so that it holds across the boresight's azimuth too."""
 
@@ -142,7 +165,7 @@ def stated_mount(mount: Mount, at: ChangedTruth) -> list[Term]:
                 standard,
                 "arcsec",
                 *together(vectors),
-                evidence="B: as stated in the station file, or 10 arcsec (95 %)",
+                evidence=_whose(f"mount.uncertainty.{angle}_arcsec", mount.uncertainty, f"{angle}_arcsec", "arcsec"),
                 explanation="the level of the mount, along and across" if angle == "altitude" else "as surveyed",
                 remedy=f"survey it better and state mount.uncertainty.{angle}_arcsec, or fit the mount",
                 corrected=False,
@@ -218,7 +241,6 @@ _MODEL_ARCSEC = 0.0005
 """What a rigorous correction leaves: the celestial pole offsets (0.0005) and the cells of 300 s (0.0006)."""
 AIR_MODEL = 0.005
 """Half-width, as a share of the refraction: stars from 0.5 to 0.7 um differ by 0.5 of 57 arcsec at 45 deg."""
-_EARTH_M = 6_371_000.0
 _LEAST_COS_LATITUDE = 0.01
 """Within 64 km of a pole azimuth is counted from a meridian that is chosen, not found."""
 
@@ -304,12 +326,12 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
 def site_terms(site: Site, at: ChangedTruth) -> list[Term]:
     """Coordinates, height and vertical."""
     position_m, height_m = site.uncertainty.position_m * TO_STANDARD, site.uncertainty.height_m * TO_STANDARD
-    step_m = LARGEST_STEP_ARCSEC * ARCSEC_RAD * _EARTH_M
+    step_m = LARGEST_STEP_ARCSEC * ARCSEC_RAD * EARTH_RADIUS_M
     cos_latitude = max(math.cos(math.radians(site.latitude_deg)), _LEAST_COS_LATITUDE)
 
     def moved(north: float, east: float) -> Callable[[float], Vector]:
         def change(by_m: float) -> Vector:
-            angle_deg = math.degrees(by_m / _EARTH_M)
+            angle_deg = math.degrees(by_m / EARTH_RADIUS_M)
             latitude = site.latitude_deg + north * angle_deg
             longitude = site.longitude_deg + east * angle_deg / cos_latitude
             return at.changed(site=replace(site, latitude_deg=latitude, longitude_deg=longitude))
@@ -326,7 +348,7 @@ def site_terms(site: Site, at: ChangedTruth) -> list[Term]:
             position_m,
             "m",
             *together(position),
-            evidence="B: as stated in the station file, or 10 m (95 %), a GPS receiver's",
+            evidence=_whose("site.uncertainty.position_m", site.uncertainty, "position_m", "m, a GPS receiver's"),
             explanation="31 m of the ground are 1 arcsec of the sky",
             remedy="survey the site, and state site.uncertainty.position_m",
             size_arcsec=at.without("geodetic latitude"),
@@ -336,7 +358,7 @@ def site_terms(site: Site, at: ChangedTruth) -> list[Term]:
             height_m,
             "m",
             *raised,
-            evidence="B: as stated in the station file, or 20 m (95 %)",
+            evidence=_whose("site.uncertainty.height_m", site.uncertainty, "height_m", "m"),
             explanation="only by the pressure that follows from it, where none is entered",
             remedy="enter the pressure at the mount",
         ),
@@ -345,7 +367,12 @@ def site_terms(site: Site, at: ChangedTruth) -> list[Term]:
             vertical,
             "arcsec",
             *together(tilts),
-            evidence="B: EGM2008: below 10 arcsec but in high mountains, taken as 95 %",
+            evidence=_whose(
+                "site.uncertainty.vertical_arcsec",
+                site.uncertainty,
+                "vertical_arcsec",
+                "arcsec, more than in EGM2008 but in high mountains",
+            ),
             explanation="a level stands on the plumb line, not on the ellipsoid",
             remedy="fit the mount (mount: {align: first 60 s}), or correct by a geoid model and state vertical_arcsec",
             corrected=False,
@@ -372,7 +399,7 @@ def air_terms(site: Site, mount: Mount, at: ChangedTruth) -> list[Term]:
             standard,
             unit,
             *absolute(at.changed(site=changed)),
-            evidence=f"B: {how}, with site.uncertainty or its default",
+            evidence=f"B: {how}; {_whose_air(site, name)}",
             explanation=f"the air bends light by {at.refraction_arcsec:.1f} arcsec at this altitude",
             remedy=f"measure the {name} at the mount and state its uncertainty",
         )
@@ -404,18 +431,17 @@ def _other_humidity(site: Site, by: float) -> float:
 def inertial_terms(shown: InertialDirection, clock_error_s: float) -> Iterator[Term]:
     """The stated direction, and the time where it moves."""
     across, roll = shown.uncertainty.across_arcsec * TO_STANDARD, shown.uncertainty.roll_arcsec * TO_STANDARD
-    evidence = "B: as stated in the station file, or 10 arcsec (95 %)"
     remedy = "measure it better and state mount.inertial.uncertainty"
-    for name, standard, vector in (
-        ("shown direction", across, (across, across, 0.0)),
-        ("shown roll", roll, (0.0, 0.0, roll)),
+    for name, key, standard, vector in (
+        ("shown direction", "across_arcsec", across, (across, across, 0.0)),
+        ("shown roll", "roll_arcsec", roll, (0.0, 0.0, roll)),
     ):
         yield Term(
             name,
             standard,
             "arcsec",
             *vector,
-            evidence=evidence,
+            evidence=_whose(f"mount.inertial.uncertainty.{key}", shown.uncertainty, key, "arcsec"),
             explanation="where star simulator and sensor stand to each other",
             remedy=remedy,
             corrected=False,

@@ -47,6 +47,14 @@ class ClockHealth:
     sensor_drift_ppm: float
     sensor_drift_error_ppm: float
 
+    @property
+    def vouched_by(self) -> str:
+        """Whose bound is in force; empty where nobody's is."""
+        if not math.isfinite(self.error_bound_s):
+            return ""
+        by = "--clock-error" if self.stated else f"the host's {self.source}"
+        return f"{by} ({self.error_bound_s:.2g} s)"
+
 
 def clock_health(
     readings: Sequence[ClockReading],

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkKind
 from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
+from gse.station.events import StationKind
 from gse.station.exclusions import (
     Cause,
     Exclusion,
@@ -77,12 +78,16 @@ _FEWER, _FEWER_SIGMAS = 0.1, 3.0
 """In twilight fewer stars are seen where this share of the usual ones is missing, and as many standard deviations."""
 
 
-def no_sky(frames: Columns, site: Site) -> tuple[Exclusion, ...]:
-    """The stretches of frames (rows of FRAME, any order) without a sky; each with its reason in words."""
+def no_sky(frames: Columns, site: Site, *, starlit: bool = False) -> tuple[Exclusion, ...]:
+    """The stretches of frames (rows of FRAME, any order) without a sky; each with its reason in words.
+
+    Where it is ``starlit``, clock and site are wrong that say that the Sun is up.
+    """
     if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock
         frames = InOrder(frames, np.argsort(frames["utc_ns"], kind="stable"))
     found: list[_Stretch] = []
-    for stretch in (*_twilights(frames), *_clouds(frames), *_explained(frames, site)):
+    twilights = () if starlit else _twilights(frames)
+    for stretch in (*twilights, *_clouds(frames), *_explained(frames, site, starlit)):
         _add(found, _with_edges(stretch, frames), frames)
     return tuple(_exclusion(stretch, frames) for stretch in sorted(found, key=lambda one: one.first))
 
@@ -219,9 +224,9 @@ def _clouds(frames: Columns) -> Iterator[_Stretch]:
 # Blind
 
 
-def _explained(frames: Columns, site: Site) -> Iterator[_Stretch]:
+def _explained(frames: Columns, site: Site, starlit: bool) -> Iterator[_Stretch]:
     for first, last in _blind_stretches(frames):
-        found = _reason(frames, first, last, site)
+        found = _reason(frames, first, last, site, starlit)
         if found is not None:
             yield _Stretch(first, last, *found)
 
@@ -251,12 +256,12 @@ def _bridged_ns(frames: Columns) -> float:
     return max(_BRIDGED_NS, _BRIDGED_FRAMES * step_ns)
 
 
-def _reason(frames: Columns, first: int, last: int, site: Site) -> tuple[Cause, str] | None:
+def _reason(frames: Columns, first: int, last: int, site: Site, starlit: bool) -> tuple[Cause, str] | None:
     """Why there was no sky from one row to another; None where no evidence shows it."""
     part, utc_ns = slice(first, last + 1), frames["utc_ns"]
     middle_ns = int(utc_ns[first + (last + 1 - first) // 2])
     sun_deg = sun_altitude_deg(site, middle_ns)
-    if sun_deg > SUN_LIMIT_DEG:
+    if sun_deg > SUN_LIMIT_DEG and not starlit:
         side = "above" if sun_deg >= 0 else "below"
         return Cause.NO_SKY, f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {{duration}}"
     if (frames["status"][part] == STATUSES.index(Status.SENSOR_FAULT)).any():
@@ -321,6 +326,8 @@ def _missing(frames: Columns, first: int, last: int) -> bool:
     return bool(least < MISSING_SHARE * np.percentile(share[known], _CLEAR_PERCENTILE))
 
 
+_SHOW_STARS = (StationKind.MIRRORED, StationKind.WRONG_CAMERA)
+
 _FOUND_WITHIN_NS = 5 * NS_PER_S
 """After a stop come first the frames that the port held, then those that follow the loss."""
 
@@ -354,11 +361,15 @@ class Mistake:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What an excuse is looked for in: the session, the availability of each subject, and a mistake of the set-up."""
+    """What an excuse is looked for in: the session, the availability of each subject, and a mistake of the set-up.
+
+    ``kept`` are the rows, by subject and name, that do not fail once the turn of a mistake of place is taken out.
+    """
 
     session: SessionData
     available: Mapping[Subject, Share]
     mistake: Mistake | None = None
+    kept: frozenset[tuple[Subject, str]] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,11 +404,12 @@ def _clock_and_link(session: SessionData) -> Iterable[Exclusion]:
 def _without_sky(session: SessionData) -> Iterable[Exclusion]:
     """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky.
 
-    Before a star simulator there is no sky to fail.
+    Before a star simulator there is no sky to fail, and stars that fit another camera show that the Sun was not up.
     """
     if session.station.mount.inertial is not None:
         return ()
-    found = no_sky(session.frames.columns, session.station.site)
+    starlit = any(event.kind in _SHOW_STARS for event in session.events)
+    found = no_sky(session.frames.columns, session.station.site, starlit=starlit)
     if session.subject is Subject.ONBOARD:
         return found
     return tuple(item for item in found if item.cause is not Cause.NO_OBJECTS)
@@ -425,6 +437,10 @@ def _mistake_of(mistaken: Mistaken) -> Callable[[Evidence, Row], str]:
         return f"by the set-up ({mistake.cause})" if mistake is not None and mistake.of is mistaken else ""
 
     return seen
+
+
+def _of_place(evidence: Evidence, row: Row) -> str:
+    return _mistake_of(Mistaken.PLACE)(evidence, row) if (row.subject, row.name) in evidence.kept else ""
 
 
 def _clouded(evidence: Evidence, row: Row) -> str:
@@ -492,14 +508,15 @@ CAMERA = Excuse(
     "camera",
     _mistake_of(Mistaken.CAMERA),
     (Claim.ACCURACY, Claim.ABSENCE, Claim.FALSEHOOD),
-    "the camera of the station file is another one, or nothing at all was identified; own answers need neither",
+    "the reference cannot answer with the stated camera either, or a built-in identifier answers with another one; own "
+    "answers need neither",
     subjects=(Subject.ONBOARD,),
 )
 PLACE = Excuse(
     "set-up",
-    _mistake_of(Mistaken.PLACE),
-    _ACCURACY,
-    "site, mount, clock or air are wrong by what explains all of the errors: the right stars were named all the same",
+    _of_place,
+    (Claim.ACCURACY, Claim.FALSEHOOD),
+    "site, mount, clock or air are not vouched for, and the row keeps its limit without the turn that they explain",
 )
 CLOUD = Excuse("cloud", _clouded, (Claim.ABSENCE,), "most frames show a clouded sky")
 AIR = Excuse(

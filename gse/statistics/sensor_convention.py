@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -29,6 +29,7 @@ from gse.values.attitude_convention import (
     read_angles,
     read_quaternions,
 )
+from gse.values.axis import ON_SKY
 from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import length, product
@@ -106,7 +107,8 @@ class ConventionSearch:
     """The conventions that fit ``answers`` over ``duration_s``, the best first; none where ``nearest`` is too far off.
 
     Where ``aberration`` is not told, each of ``fits`` stands for both; ``aberration_arcsec`` is how far the boresight
-    moves by it. ``roll_sent`` is False where angles came without a roll.
+    moves by it. ``roll_sent`` is False where angles came without a roll. ``explained`` is the share of all answers of
+    the session that the best one brings to where the reference, or truth, has them.
     """
 
     answers: int
@@ -117,6 +119,7 @@ class ConventionSearch:
     aberration_arcsec: float
     quaternions: bool
     roll_sent: bool
+    explained: float = 1.0
 
     def includes(self, stated: AttitudeConvention) -> bool:
         """Whether a stated convention is among those that fit, aberration aside."""
@@ -283,6 +286,10 @@ def with_aberration(search: ConventionSearch) -> AttitudeConvention | None:
 
 
 SEARCHED_S = 60.0
+NEARLY_ALL = 0.95
+"""Least share of the answers that a convention explains where it is the reason; another turn is the sensor's."""
+_TIMES_LIMIT = 3.0
+"""An answer that lies further off is false, whatever the convention."""
 MOST_ANSWERS = 300
 _FEWEST_PANORAMAS = 10
 _BY_PANORAMAS_ARCSEC = 1.0
@@ -298,8 +305,23 @@ _FRAME_WORDS = {
 
 def session_convention(session: SessionData, seconds: float = SEARCHED_S) -> ConventionSearch | None:
     """The conventions that fit the first answers of a session; None where too few can be compared with anything."""
-    found = evidence_of(session, seconds)
-    return None if found is None else search_convention(found)
+    evidence = evidence_of(session, seconds)
+    found = None if evidence is None else search_convention(evidence)
+    if found is None or not found.fits:
+        return found
+    return replace(found, explained=_explained(session, found.fits[0].convention))
+
+
+def _explained(session: SessionData, convention: AttitudeConvention) -> float:
+    """The share of some answers of the whole session that a convention brings to where they should be."""
+    evidence = evidence_of(session, math.inf)
+    assert evidence is not None
+    read = read_quaternions if evidence.is_quaternion else read_angles
+    measured = product(read(evidence.sent, convention), icrs_to_frame(convention.frame, evidence.utc_ns))
+    limits = session.station.limits
+    within_arcsec = _TIMES_LIMIT * max(limits.of(axis) for axis in ON_SKY)
+    apart = [np.hypot(*attitude_errors(measured, true).T[3:]) for true in (evidence.true, evidence.true_corrected)]
+    return float((np.minimum(*apart) <= within_arcsec).mean())
 
 
 def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> SentAnswers | None:
@@ -333,7 +355,8 @@ def _confirmed(frames: Columns) -> NDArray[np.bool_]:
 
 def _first(utc_ns: NDArray[np.int64], rows: NDArray[np.int64], seconds: float) -> NDArray[np.int64]:
     """The rows of the first seconds, at most MOST_ANSWERS of them."""
-    rows = rows[utc_ns[rows] <= utc_ns[rows].min() + round(seconds * NS_PER_S)]
+    if math.isfinite(seconds):
+        rows = rows[utc_ns[rows] <= utc_ns[rows].min() + round(seconds * NS_PER_S)]
     return rows[:: -(-len(rows) // MOST_ANSWERS)]
 
 
@@ -369,21 +392,24 @@ def _mount_arcsec(session: SessionData) -> float:
 
 
 def is_wrong(search: ConventionSearch | None, stated: AttitudeConvention) -> bool:
-    """Whether other conventions fit than the stated one, aberration aside."""
-    return search is not None and bool(search.fits) and not search.includes(stated)
+    """Whether other conventions than the stated one explain nearly all answers, aberration aside."""
+    if search is None or not search.fits or search.includes(stated):
+        return False
+    return search.explained >= NEARLY_ALL
 
 
 def convention_finding(search: ConventionSearch | None, stated: AttitudeConvention) -> Iterator[Finding]:
     """Where the stated convention is not the one that fits, or its word on aberration is not."""
     if search is None or not search.fits:
         return
-    if not search.includes(stated):
+    if is_wrong(search, stated):
         yield Finding(
             "sensor convention",
             f"its answers follow another one than the station file states: {words_of(search)}",
-            next_step="gse conventions shows what to state as sensor.attitude",
+            next_step=f"state {to_state(search)} in the station file, and judge the same recording again: gse report "
+            "SESSION --station FILE; gse conventions SESSION shows more",
         )
-    elif search.aberration not in ("not told", stated.aberration):
+    elif search.includes(stated) and search.aberration not in ("not told", stated.aberration):
         yield Finding(
             "sensor aberration",
             f"it is {search.aberration} in its answers, the station file states {stated.aberration}: "
@@ -391,6 +417,19 @@ def convention_finding(search: ConventionSearch | None, stated: AttitudeConventi
             equals=("a body frame that is turned by as much",),
             next_step="state sensor.attitude.aberration as it is",
         )
+
+
+def to_state(search: ConventionSearch) -> str:
+    """The line of a station file that states the convention that fits best."""
+    named = with_aberration(search) or search.fits[0].convention
+    return f"sensor: {{attitude: {{{as_yaml(named)}}}}}"
+
+
+def as_yaml(convention: AttitudeConvention) -> str:
+    """The keys that are not at their default."""
+    pairs = [(item.name, getattr(convention, item.name)) for item in fields(convention)]
+    changed = [(name, value) for name, value in pairs if value != getattr(AttitudeConvention(), name)]
+    return ", ".join(f"{name}: {str(value).lower() if isinstance(value, bool) else value}" for name, value in changed)
 
 
 def words_of(search: ConventionSearch) -> str:

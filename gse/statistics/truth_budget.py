@@ -47,8 +47,8 @@ _USUAL_FIELD = FieldOfStars()
 class SessionFacts:
     """What the budget is made from: the instant is the session's middle.
 
-    ``alignment`` is the mount where it was fitted on other frames of the session. ``own_stars_arcsec`` is what its
-    choice of stars makes of the sensor's own answers (0: it sent none).
+    ``alignment`` is the mount where it was fitted on other frames of the session. ``clock_by`` says whose bound that of
+    the clock is. ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
     """
 
     site: Site
@@ -61,6 +61,7 @@ class SessionFacts:
     duration_s: float = 0.0
     alignment: Alignment | None = None
     own_stars_arcsec: float = 0.0
+    clock_by: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,7 @@ def _amount(arcsec: float) -> str:
     return f"{arcsec:.1f}" if math.isfinite(arcsec) else "an unknown error"
 
 
-def session_facts(session: SessionData, *, clock_error_s: float) -> SessionFacts:
+def session_facts(session: SessionData, *, clock_error_s: float, clock_by: str = "") -> SessionFacts:
     """The facts of a session; ``clock_error_s`` is the bound that clock_health found (inf: not known)."""
     frames, station = session.frames.columns, session.station
     utc_ns, middle_ns = instants_ns(frames, session.events), middle_instant_ns(session)
@@ -122,6 +123,7 @@ def session_facts(session: SessionData, *, clock_error_s: float) -> SessionFacts
         duration_s=float(np.ptp(utc_ns)) / 1e9 if len(frames) else 0.0,
         alignment=session.alignment,
         own_stars_arcsec=by_other_stars_arcsec(session) if len(session.sensor_attitudes) else 0.0,
+        clock_by=clock_by,
     )
 
 
@@ -133,6 +135,10 @@ def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
         terms = (_no_truth(),)
     else:
         terms = tuple(_terms(facts, facts.earth_orientation))
+    if facts.clock_by:
+        terms = tuple(
+            replace(term, evidence=f"B: {facts.clock_by}") if term.name == "clock" else term for term in terms
+        )
     common = [term for term in terms if term.name != OWN_STARS]
     axes, own_axes = ({axis.key: combined(some, axis) for axis in AXES} for some in (common, terms))
     return TruthUncertaintyBudget(terms, axes, own_axes)

@@ -20,6 +20,9 @@ EARTH_RATE_RAD_PER_S = 2 * math.pi * EARTH_TURNS_PER_UT1_DAY / DAY_S
 EARTH_RATE_ARCSEC_PER_S = EARTH_RATE_RAD_PER_S * ARCSEC_PER_RAD
 """The same in arcsec per second: 15.041067."""
 
+EARTH_RADIUS_M = 6_371_000.0
+"""Mean radius of the Earth."""
+
 AU_M = 149_597_870_700.0
 """Astronomical unit (IAU 2012 resolution B2)."""
 

@@ -13,11 +13,16 @@ _ALIGN = re.compile(r"first (\d+(?:\.\d+)?) s")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountUncertainty:
-    """How well the stated angles are known: half-widths of intervals that hold the truth with 95 %."""
+    """How well the stated angles are known: half-widths of intervals that hold the truth with 95 %.
+
+    ``fitted`` ones are of a fit to stars (``from: align`` in a station file), which vouches for no angle: a wrong clock
+    or site is in it.
+    """
 
     azimuth_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
     altitude_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
     roll_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+    fitted: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,16 @@ from gse.config.station import Station
 from gse.diagnosis.diagnosis import findings
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.diagnosis.set_up_mistake import lost_station, mistake_of, set_up_mistake
+from gse.diagnosis.set_up_mistake import (
+    OF_PLACE,
+    alignment_finding,
+    camera_mistake,
+    lost_station,
+    mistake_of,
+    place_mistake,
+    shared_turn,
+    without_turn,
+)
 from gse.external.identifier import ExternalCounts
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
@@ -37,8 +46,6 @@ LEFT_OUT = ": neither limit nor data: "
 
 RELATIVE = "relative to a mount fitted on"
 """What a line of the reasons begins with that says so; it is no reason against PASS."""
-
-_SIMULATED = ("sim://", "simulated")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,18 +85,19 @@ def judge(session: SessionData) -> Assessment:
     stats = statistics(session)
     budget = _budget(session, stats)
     relative = session.station.mount.align is not None
-    rows = tuple(
-        requirement.row(Case(subject, stats, budget, session.station.limits, relative))
-        for subject in stats.subjects.values()
-        for requirement in REQUIREMENTS
-        if requirement.applies(subject)
-    )
+    rows = _rows(session, stats, budget)
     found = _causes(session, stats)
-    mistake = lost_station(session)
+    mistake, kept = lost_station(session), frozenset[tuple[Subject, str]]()
     if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
-        mistake = set_up_mistake(session, stats.counted, found)
+        mistake = camera_mistake(session, stats.counted, found)
+        if mistake is None and (shared := shared_turn(session, stats, budget)):
+            kept = _kept(rows, without_turn(session, shared.fit))
+            mistake = place_mistake(session, stats.counted, found, shared) if kept else None
+            if kept and mistake is None:
+                beside = (one for one in found if not one.is_gross and one.cause not in OF_PLACE)
+                found = (alignment_finding(shared), *beside)
     available = {subject: of.available for subject, of in stats.subjects.items()}
-    evidence = Evidence(session, available, mistake_of(mistake) if mistake else None)
+    evidence = Evidence(session, available, mistake_of(mistake) if mistake else None, kept)
     rows = tuple(excused(row, requirement_of(row).claim, evidence) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
     if mistake:
@@ -121,11 +129,30 @@ def judge(session: SessionData) -> Assessment:
             *_unknown_stars(session.external_counts),
         ),
         relative,
-        is_simulated(session),
+        session.is_simulated,
         session.truncated,
         health,
         session.growing,
     )
+
+
+def _rows(session: SessionData, stats: Statistics, budget: TruthUncertaintyBudget) -> tuple[Row, ...]:
+    relative = session.station.mount.align is not None
+    return tuple(
+        requirement.row(Case(subject, stats, budget, session.station.limits, relative))
+        for subject in stats.subjects.values()
+        for requirement in REQUIREMENTS
+        if requirement.applies(subject)
+    )
+
+
+def _kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subject, str]]:
+    """Rows that fail, and that do not in the session without the turn that panoramas and stars share."""
+    stats = statistics(without)
+    left = _rows(without, stats, _budget(without, stats))
+    failing = {(row.subject, row.name) for row in rows if row.outcome is Outcome.FAIL}
+    undecided = {(row.subject, row.name) for row in left if row.outcome in (Outcome.PASS, Outcome.INCONCLUSIVE)}
+    return frozenset(failing & undecided)
 
 
 def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
@@ -136,13 +163,8 @@ def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
 
 
 def _budget(session: SessionData, stats: Statistics) -> TruthUncertaintyBudget:
-    return truth_budget(session_facts(session, clock_error_s=stats.clock.error_bound_s))
-
-
-def is_simulated(session: SessionData) -> bool:
-    """Whether no sensor took part: the port or the clock of the session was a simulated one."""
-    port, clock = _SIMULATED
-    return session.station.port.url.startswith(port) or any(reading.source == clock for reading in session.clock)
+    clock = stats.clock
+    return truth_budget(session_facts(session, clock_error_s=clock.error_bound_s, clock_by=clock.vouched_by))
 
 
 def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:

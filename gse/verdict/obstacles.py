@@ -17,6 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.diagnosis.plain_findings import stars_by_day
 from gse.station.events import StationKind
 from gse.station.exclusions import Cause, excluded
 from gse.station.frame_columns import Columns
@@ -26,7 +27,7 @@ from gse.statistics.availability import LONGEST_S
 from gse.statistics.counted_frames import after_suspensions
 from gse.statistics.decision import Outcome, Row
 from gse.statistics.sensor_answers import not_compared
-from gse.statistics.sensor_convention import is_wrong
+from gse.statistics.sensor_convention import is_wrong, to_state, words_of
 from gse.statistics.session_statistics import Statistics
 from gse.truth import horizon_to_sensor, small_rotations
 from gse.values.constants import ARCSEC_PER_RAD
@@ -65,9 +66,12 @@ def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) ->
     if not left_out:
         yield from _little_sky(session, stats)
     yield from _other_mount(session)
-    yield from _stars_by_day(session, stats)
-    if is_wrong(stats.convention, session.station.sensor.attitude):
-        yield "sensor: its answers follow another convention than the station file states, so they were not compared"
+    yield from map(str, stars_by_day(session, stats.counted))
+    if stats.convention is not None and is_wrong(stats.convention, session.station.sensor.attitude):
+        yield (
+            "sensor: its answers follow another convention than the station file states, so they were not compared: "
+            f"{words_of(stats.convention)}; state {to_state(stats.convention)}"
+        )
     yield from _other_sensor(session)
     yield from _no_temperature(session)
     yield from _untested_core(rows)
@@ -149,26 +153,13 @@ def _other_mount(session: SessionData) -> Iterator[str]:
         )
 
 
-def _stars_by_day(session: SessionData, stats: Statistics) -> Iterator[str]:
-    """A fitted mount hides a clock or a site that is wrong by hours, the Sun does not."""
-    if session.station.mount.align is None:
-        return
-    used = session.frames.columns["sun_altitude_deg"][stats.counted.used]
-    sun_deg = float(np.median(used)) if len(used) else math.nan
-    if sun_deg > 0:
-        yield (
-            f"stars are identified though the Sun stands {sun_deg:.0f} deg above the horizon, by this clock and site: "
-            "check both, a fitted mount hides their error"
-        )
-
-
 def _beyond_stated(turn_rad: NDArray[np.float64], stated: Mount) -> bool:
     """Whether a turn in the sensor frame is more than three of the standard deviations that the station file states.
 
-    Across the boresight the greater of azimuth's and altitude's counts; the defaults are no statement.
+    Across the boresight the greater of azimuth's and altitude's counts; neither defaults nor a fit are a statement.
     """
     known = stated.uncertainty
-    if known == MountUncertainty():
+    if known == MountUncertainty() or known.fitted:
         return False
     x, y, z = np.abs(turn_rad) * ARCSEC_PER_RAD * OTHER_MOUNT_HALF_WIDTHS
     return bool(math.hypot(x, y) > max(known.azimuth_arcsec, known.altitude_arcsec) or z > known.roll_arcsec)

@@ -1,6 +1,7 @@
 """Nights made of numbers, whose errors are known: no stars, no identifier."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from skies.one_by_one import Made, Stars, results_of
@@ -14,10 +15,21 @@ from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.values.attitude import angles_deg
 from gse.values.instant import NS_PER_S, from_text
+from gse.values.mount import MountUncertainty
 from gse.values.panorama import Panorama
+from gse.values.site import SiteUncertainty
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 STATION = parse_station(BUILT_IN_TEXT)
+VOUCHED = STATION.model_copy(
+    update={
+        "mount": replace(
+            STATION.mount, uncertainty=MountUncertainty(azimuth_arcsec=9.0, altitude_arcsec=9.0, roll_arcsec=9.0)
+        ),
+        "site": replace(STATION.site, uncertainty=SiteUncertainty(position_m=9.0)),
+    }
+)
+"""The same, with a survey of mount and site: the clock of these nights is synchronised."""
 TABLE = EarthOrientation.from_disk(START_NS)
 TRUTH = SiderealTruth(STATION.site, TABLE)
 NONE = AttitudeError(0.0, 0.0, 0.0, 0.0, 0.0)

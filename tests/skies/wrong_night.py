@@ -47,6 +47,7 @@ class World:
     ``moves_arcsec_per_h`` and ``slip_arcsec`` turn the sensor along columns, rows and about the boresight, waves and
     vibration across it. ``wander`` is a correlated error across the boresight: arcsec, and its time constant in s.
     From ``at_s`` on frames are read ``late_s`` later.
+    A station file that is ``vouched`` for states how well site and mount are known; the host's clock is synchronised.
     ``clouds`` are (from s, to s, magnitudes). From ``frozen_from_s`` on the sensor sends one picture again and again.
     """
 
@@ -79,6 +80,7 @@ class World:
     wander: tuple[float, float] = (0.0, 1.0)
     clouds: tuple[tuple[float, float, float], ...] = ()
     frozen_from_s: float = math.inf
+    vouched: bool = False
 
     def at(self, **changes: float) -> "World":
         """With another site: latitude_deg, longitude_deg, height_m, pressure_hpa, temperature_c."""
@@ -120,11 +122,13 @@ def station_text(world: World) -> str:
     site, middle = world.site, (world.size_px - 1) / 2
     x, y = (middle + part for part in world.principal_point_px)
     air = f"pressure_hpa: {site.air_pressure_hpa}, temperature_c: {site.air_temperature_c}"
+    air += ", uncertainty: {position_m: 20, pressure_hpa: 2}" if world.vouched else ""
+    survey = ", uncertainty: {azimuth_arcsec: 8, altitude_arcsec: 8, roll_arcsec: 30}" if world.vouched else ""
     return f"""version: 1
 sensor: {{name: made, rows: {world.size_px}, columns: {world.size_px}, focal_length_px: {world.focal_length_px},
          mirrored: {str(world.mirrored).lower()}, radial_distortion: [{world.k1}, 0], principal_point_px: [{x}, {y}]}}
 site: {{latitude_deg: {site.latitude_deg}, longitude_deg: {site.longitude_deg}, height_m: {site.height_m}, {air}}}
-mount: {{azimuth_deg: {world.azimuth_deg}, altitude_deg: {world.altitude_deg}, roll_deg: {world.roll_deg}}}
+mount: {{azimuth_deg: {world.azimuth_deg}, altitude_deg: {world.altitude_deg}, roll_deg: {world.roll_deg}{survey}}}
 protocol: {"panorama-v1" if world.whole_pixels else "panorama-v1-subpixel"}
 """
 

@@ -39,6 +39,9 @@ def test_align_finds_the_mount_that_was_simulated_and_writes_it(gse, folder, tmp
     station, _ = read_station(written)
     assert station.mount.altitude_deg == report["altitude_deg"]
     assert station.mount.align is None
+    assert station.mount.uncertainty.fitted
+    sigma = report["sigma_arcsec"]["altitude"]
+    assert station.mount.uncertainty.altitude_arcsec == pytest.approx(1.96 * sigma, abs=0.02)
 
 
 def test_align_says_what_it_found_in_words(gse, folder):

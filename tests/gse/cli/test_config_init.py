@@ -12,6 +12,7 @@ from gse.cli import main
 from gse.config.draft import Draft, draft_text
 from gse.config.station import parse_station, read_station
 from gse.errors import ConfigError
+from gse.values.mount import MountUncertainty
 
 GSE = str(Path(sys.executable).with_name("gse"))
 
@@ -54,6 +55,14 @@ def test_a_value_that_cannot_be_is_asked_again(tmp_path):
     assert station.protocol == "panorama-slip"
     assert station.site.latitude_deg == -33.9
     assert (station.mount.azimuth_deg, station.mount.altitude_deg, station.mount.align) == (180, 45, None)
+
+
+def test_a_new_station_file_vouches_for_nothing():
+    station = parse_station(draft_text(Draft()))
+    assert "\n  uncertainty:" not in draft_text(Draft())
+    assert station.mount.uncertainty == MountUncertainty()
+    uncommented = draft_text(Draft()).replace("  # uncertainty:", "  uncertainty:")
+    assert parse_station(uncommented).mount.uncertainty.altitude_arcsec == 4
 
 
 def test_options_answer_the_questions(tmp_path, capsys):

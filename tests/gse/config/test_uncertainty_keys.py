@@ -1,5 +1,7 @@
 """``uncertainty:`` in the station file: units in the keys, wrong ones refused in words."""
 
+import re
+
 import pytest
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -35,10 +37,16 @@ def test_what_is_stated_is_in_force_and_the_rest_has_its_default():
         ("{azimuth_arcsec: .inf}", r"azimuth_arcsec is inf"),
         ("{azimuth_arcsec: .nan}", r"azimuth_arcsec is nan"),
         ("{azimuth_arcsec: 3 deg}", r"azimuth_arcsec is '3 deg'"),
+        ("{from: survey}", r"mount: uncertainty.from is 'survey': expected align, or no such key"),
         ("10", r"mount\.uncertainty is 10"),
     ],
 )
 def test_an_uncertainty_without_sense_is_refused_with_line_and_key(keys, words):
     with pytest.raises(ConfigError, match=words) as refused:
         parse_station(with_mount(keys))
-    assert "line 20" in str(refused.value)
+    assert re.search("line (16|20)", str(refused.value))  # of the key, or of its section
+
+
+def test_what_a_fit_found_is_told_from_what_was_surveyed():
+    assert parse_station(with_mount("{azimuth_arcsec: 3, from: align}")).mount.uncertainty.fitted
+    assert not parse_station(with_mount("{azimuth_arcsec: 3}")).mount.uncertainty.fitted

@@ -1,4 +1,4 @@
-"""Which answers of a session show a gross mistake, and what is left of the errors under another set-up."""
+"""Which answers of a session show a gross mistake."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, session
 
-from gse.diagnosis.gross_causes import _raw_attitudes, gross_cause_of, gross_finding, left_under
+from gse.diagnosis.gross_causes import _raw_attitudes, gross_cause_of, gross_finding
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.results import AnswerCheck
 from gse.statistics.counted_frames import counted_frames
@@ -58,7 +58,6 @@ def test_a_mount_that_is_not_stated_or_not_on_the_ground_has_no_mistake(mount):
     made = night(**mount)
     assert rows_of(made) == []
     assert gross_finding(made, counted_frames(made)) is None
-    assert left_under(made, counted_frames(made)).shape == (0, 3)
 
 
 def test_without_earth_orientation_nothing_is_gross():
@@ -67,21 +66,3 @@ def test_without_earth_orientation_nothing_is_gross():
     assert gross_cause_of(made, counted_frames(made)).finding == gross_finding(made, counted_frames(made))
     made.earth_orientation = None
     assert gross_finding(made, counted_frames(made)) is None
-    assert left_under(made, counted_frames(made)).shape == (0, 3)
-
-
-def test_a_clock_is_taken_back_by_as_much_as_it_is_fast_and_a_site_is_the_other_one():
-    """In 100 s the sky moves by 1504 arcsec, times the cosine of the declination; a degree of latitude by itself."""
-    made, counted = night(), counted_frames(night())
-    right = left_under(made, counted)
-    assert right.shape == (COUNT, 3)
-    assert np.abs(right[:, :2]).max() < 25  # aberration, which these answers lack
-    made.frames.columns["utc_ns"] += 100 * NS_PER_S
-    assert left_under(made, counted, fast_s=100.0) == pytest.approx(right, abs=0.5)
-    de_deg = float(np.median(made.frames.columns["de_true_deg"]))
-    off = np.hypot(*(left_under(made, counted) - right)[:, :2].T)
-    assert off == pytest.approx(100 * 15.041 * np.cos(np.radians(de_deg)), rel=0.01)
-    elsewhere = replace(STATION.site, latitude_deg=STATION.site.latitude_deg + 1)
-    moved = left_under(night(), counted, site=elsewhere) - right
-    about_east = np.linalg.norm(moved, axis=1)
-    assert about_east == pytest.approx(3600.0, rel=0.01)

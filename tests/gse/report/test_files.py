@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 from rich.console import Console
+from skies.known_nights import VOUCHED
 from skies.one_by_one import NO_STARS, add_frame
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
@@ -57,8 +58,10 @@ def page(session, assessment, report) -> str:
 
 
 def failing() -> SessionData:
-    """A night with a sensor that is off by 100 arcsec in RA."""
-    return synthetic_night(200, bias_arcsec=(100.0, 0.0))
+    """A night with a sensor that is off by 100 arcsec in RA, on a mount that was surveyed."""
+    session = synthetic_night(200, bias_arcsec=(100.0, 0.0))
+    session.station = VOUCHED
+    return session
 
 
 def test_the_page_is_compiled_once_for_all_runs_and_without_a_place_for_it_each_time(tmp_path, page):

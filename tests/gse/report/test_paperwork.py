@@ -28,7 +28,10 @@ BLOCK = """test:
 def session_of(block: str = BLOCK, *, simulated: bool = False):
     session = synthetic_night(100)
     url = "sim://" if simulated else "/dev/ttyUSB0"
-    session.station_text = BUILT_IN_TEXT.replace("sim://", url) + block
+    text = BUILT_IN_TEXT.replace("sim://", url)
+    if block.startswith("mount:"):
+        text = text.replace("mount:\n  azimuth_deg: 0\n  altitude_deg: 90\n  roll_deg: 0\n", "")
+    session.station_text = text + block
     session.station = parse_station(session.station_text)
     if not simulated:
         session.clock = []
@@ -69,8 +72,6 @@ def test_missing_fields_are_printed_as_missing(stated) -> None:
     _, page = stated
     assert "<th>procedure</th><td>missing</td>" in page
     assert "A. Tester, missing" in page
-    assert "<td>operator</td><td>A. Tester</td>" in page
-    assert "<td>approver</td><td>missing</td>" in page
     assert "barometer, serial missing, calibrated missing" in page
 
 
@@ -110,14 +111,69 @@ def test_serial_and_firmware_come_from_the_sensor_where_it_sends_them() -> None:
     assert "77, 78 (STATUS frames); the station file says 12" in page
 
 
-def test_several_people_approve_a_report_but_none_a_simulated_one(stated) -> None:
-    _, page = stated
-    for role in ("operator", "witness", "reviewer", "approver"):
-        assert f"<tr><td>{role}</td>" in page
-    assert "<tr><td>operator</td><td>A. Tester</td>" in page
-    _, simulated = texts_of(session_of(simulated=True))
+SIGNED = BLOCK + "  procedure: P-3\n  approver: C. Chief\n"
+
+
+def test_those_who_are_named_sign_a_report_but_none_a_simulated_one() -> None:
+    _, page = texts_of(session_of(SIGNED))
+    assert "signature</th>" in page
+    for role, name in (("operator", "A. Tester"), ("approver", "C. Chief")):
+        assert f"<tr><td>{role}</td><td>{name}</td>" in page
+    assert "<tr><td>witness</td>" not in page
+    _, simulated = texts_of(session_of(SIGNED, simulated=True))
     assert "This report cannot be signed" in simulated
     assert "signature</th>" not in simulated
+
+
+def test_what_is_lacking_stands_in_the_place_of_the_lines_to_sign(stated) -> None:
+    _, page = stated
+    assert "not ready to be signed. The station file lacks: test.procedure, test.approver." in page
+    _, bare = texts_of(session_of(""))
+    assert "lacks: test.id, test.procedure, test.operator, test.approver, test.sensor_serial." in bare
+    for of_page in (page, bare):
+        assert "signature</th>" not in of_page
+
+
+def test_without_a_test_block_no_table_is_of_what_is_missing(stated) -> None:
+    _, bare = texts_of(session_of(""))
+    assert "missing" not in bare.split('id="provenance"')[0]
+    assert "requirement (method)" not in bare
+    assert "requirement (method)" in stated[1]
+
+
+def test_the_headline_names_what_was_judged_and_what_was_not(stated) -> None:
+    report, page = stated
+    told = "identifier neighbour on the panoramas of LAPAN-like; the sensor's own answers: not tested"
+    assert report["tested"] == told
+    assert f"<h1>Star sensor LAPAN-like: {told.replace(chr(39), '&#39;')}</h1>" in page
+    assert plain_lines(report)[1] == told
+
+
+def test_the_envelope_says_what_was_met_and_the_fitted_mount_stands_beside_the_stated_one(stated) -> None:
+    report, page = stated
+    met = report["envelope"]
+    assert met["frames_hz"] == pytest.approx(10.0, rel=0.01)
+    assert met["exposure_s"]["min"] == pytest.approx(0.1, rel=0.01)
+    assert met["matched"]["min"] <= met["matched"]["max"]
+    assert "nothing outside is claimed" in page
+    assert "<th>frames</th><td>10 Hz</td>" in page
+    mounts = report["mount_fit"]
+    assert mounts["stated_deg"] == [0.0, 90.0, 0.0]
+    assert mounts["fitted_deg"][1] == pytest.approx(90.0, abs=0.02)
+    assert mounts["across_arcsec"] < 60
+
+
+def test_each_term_of_the_budget_says_whose_value_it_is_and_small_ones_share_a_line(stated) -> None:
+    report, page = stated
+    of = {term["name"]: term["evidence"] for term in report["truth_budget"]["terms"]}
+    assert of["site position"] == "B: the default, 10 m, a GPS receiver's (95 %)"
+    assert of["mount azimuth"] == "B: the default, 10 arcsec (95 %)"
+    own, _ = texts_of(session_of("mount: {azimuth_deg: 0, altitude_deg: 90, uncertainty: {azimuth_arcsec: 4}}\n"))
+    of = {term["name"]: term["evidence"] for term in own["truth_budget"]["terms"]}
+    assert of["mount azimuth"] == "B: the station file, mount.uncertainty.azimuth_arcsec: 4"
+    budget = page[page.index("Truth uncertainty budget</h2>") :]
+    assert "below 1 % of the sum each, together: precession" in budget
+    assert "<td>precession</td>" not in budget
 
 
 @pytest.mark.parametrize(

@@ -212,7 +212,8 @@ def test_a_star_simulator_is_known_as_its_direction_is():
 @pytest.mark.parametrize(
     ("found", "wrong"),
     [(None, False), (search(), False), (search(AS_STATED), False), (search(OF_DATE, AS_STATED), False),
-     (search(OF_DATE), True)],
+     (search(OF_DATE), True), (replace(search(OF_DATE), explained=0.95), True),
+     (replace(search(OF_DATE), explained=0.94), False)],
 )  # fmt: skip
 def test_a_stated_convention_is_wrong_where_others_fit_and_it_does_not(found, wrong):
     assert is_wrong(found, AS_STATED) is wrong
@@ -225,6 +226,7 @@ def test_a_stated_convention_is_wrong_where_others_fit_and_it_does_not(found, wr
         (search(), None),
         (search(OF_DATE), "sensor convention"),
         (search(OF_DATE, aberration="corrected"), "sensor convention"),
+        (replace(search(OF_DATE, aberration="corrected"), explained=0.9), None),
         (search(AS_STATED), None),
         (search(AS_STATED, aberration="not corrected"), None),
         (search(AS_STATED, aberration="corrected"), "sensor aberration"),

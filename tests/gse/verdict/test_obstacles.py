@@ -14,7 +14,7 @@ from gse.statistics.decision import Outcome, Row
 from gse.statistics.session_statistics import statistics
 from gse.truth import Alignment
 from gse.values.instant import NS_PER_S
-from gse.values.mount import Mount, MountUncertainty
+from gse.values.mount import InertialDirection, Mount, MountUncertainty
 from gse.verdict.obstacles import obstacles
 from protocols import StatusMessage
 
@@ -204,22 +204,36 @@ def test_a_fitted_mount_has_nothing_to_keep_to_where_none_is_stated(steady):
     assert lines(replace(fitted(steady, far, STATED), alignment=None)) == []
 
 
-@pytest.mark.parametrize(
-    ("sun_deg", "align", "is_told"),
-    [
-        (5.0, "first 60 s", True),
-        (0.6, "first 60 s", True),
-        (0.0, "first 60 s", False),
-        (-0.6, "first 60 s", False),
-        (-5.0, "first 60 s", False),
-        (5.0, None, False),
-    ],
-)
-def test_stars_by_day_are_told_on_a_mount_that_is_fitted(steady, sun_deg, align, is_told):
+BY_DAY = "stars by day: stars are identified in "
+
+
+@pytest.mark.parametrize(("sun_deg", "is_told"), [(5.0, True), (1.1, True), (0.9, False), (-0.6, False), (-5.0, False)])
+@pytest.mark.parametrize("align", ["first 60 s", None])
+def test_stars_by_day_stand_in_the_way(sun_deg, is_told, align):
     made = fitted(session(200), STATED, replace(STATED, align=align))
     made.frames.columns["sun_altitude_deg"] = sun_deg
-    words = f"stars are identified though the Sun stands {sun_deg:.0f} deg above the horizon"
-    assert [line.startswith(words) for line in lines(made)] == [True] * is_told
+    assert [line.startswith(BY_DAY) for line in lines(made)] == [True] * is_told
+
+
+@pytest.mark.parametrize(("frames", "is_told"), [(4, False), (5, True)])
+def test_some_frames_by_day_are_enough(frames, is_told):
+    made = session(200)
+    made.frames.columns["sun_altitude_deg"] = -30.0
+    made.frames.columns["sun_altitude_deg"][:frames] = 23.0
+    assert [line.startswith(f"{BY_DAY}5 frames though the Sun stands 23 deg above") for line in lines(made)] == [
+        True
+    ] * is_told
+
+
+def test_neither_an_emulator_nor_a_star_simulator_has_a_day():
+    inertial = InertialDirection(ra_deg=10.0, de_deg=20.0)
+    shown = session(200, station=STATION.model_copy(update={"mount": Mount(inertial=inertial)}))
+    emulated = session(200)
+    emulated.events = [LinkEvent(START_NS, 0, "TEST_STREAM", "")]
+    for made in (shown, emulated):
+        made.frames.columns["sun_altitude_deg"] = 23.0
+        assert not any(line.startswith(BY_DAY) for line in lines(made))
+    assert emulated.is_simulated
 
 
 def test_the_gravest_obstacle_comes_first(steady):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from skies.known_nights import START_NS, STATION, TRUTH, frame, session, unanswered
+from skies.known_nights import START_NS, STATION, TRUTH, VOUCHED, frame, session, unanswered
 from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
@@ -44,7 +44,6 @@ from gse.verdict.assessment import (
     _relative_to,
     _verdict,
     is_left_out,
-    is_simulated,
     judge,
 )
 from gse.verdict.requirements import HOST_TIME, REQUIREMENTS, STATED_TIME, Case
@@ -91,16 +90,16 @@ def test_every_row_states_its_uncertainty():
 
 
 def test_a_bias_over_the_limit_fails_by_its_axis_only():
-    assessment = judge(session(bias=(0.0, 90.0, 0.0)))
+    assessment = judge(session(bias=(0.0, 90.0, 0.0), station=VOUCHED))
     assert assessment.verdict is Verdict.FAIL
     failed = [name for name, outcome in outcomes(assessment).items() if outcome is Outcome.FAIL]
     assert failed == ["mean |dDE|", "95 % of |dDE|"]
     assert assessment.reasons[0].startswith("onboard mean |dDE| is 90")
-    assert assessment.reasons[-1].startswith("mount: it is off by +90")  # a cause that is not gross comes last
+    assert assessment.reasons[-1].startswith("alignment of the sensor: ")  # a cause that is not gross comes last
 
 
 def test_the_row_that_fails_is_named_before_those_that_are_undecided():
-    assessment = judge(session(bias=(58.0, 90.0, 0.0)))
+    assessment = judge(session(bias=(58.0, 90.0, 0.0), station=VOUCHED))
     assert outcomes(assessment)["mean |dRA*|"] == "INCONCLUSIVE"
     named = [reason.partition(" is ")[0] for reason in assessment.reasons]
     assert named.index("onboard mean |dDE|") < named.index("onboard mean |dRA*|")
@@ -108,7 +107,7 @@ def test_the_row_that_fails_is_named_before_those_that_are_undecided():
 
 @pytest.mark.parametrize("roll_deg", [2.0, 90.0, 179.99, 180.0, -90.0])
 def test_a_rolled_sensor_fails_by_roll(roll_deg):
-    assessment = judge(session(bias=(0.0, 0.0, roll_deg * 3600)))
+    assessment = judge(session(bias=(0.0, 0.0, roll_deg * 3600), station=VOUCHED))
     assert assessment.verdict is Verdict.FAIL
     assert outcomes(assessment)["mean |roll|"] is Outcome.FAIL
     assert any("roll| is" in reason and " deg, the limit" in reason for reason in assessment.reasons)
@@ -186,7 +185,7 @@ def test_a_stated_clock_error_takes_the_place_of_an_unsynchronised_clock():
 
 
 def test_an_error_that_truth_cannot_explain_fails_even_on_a_bad_clock():
-    made = session(bias=(250.0, 0.0, 0.0))
+    made = session(bias=(250.0, 0.0, 0.0), station=VOUCHED)
     made.clock_error_s = 2.0  # 30 arcsec
     assert judge(made).verdict is Verdict.FAIL
 
@@ -323,6 +322,18 @@ def with_own_answers(made, *, turned_deg=0.0, latency_s=0.08):
             ),
         )
     return made
+
+
+@pytest.mark.parametrize(("wrong", "word"), [(0, Verdict.INCONCLUSIVE), (20, Verdict.INCONCLUSIVE), (24, Verdict.FAIL)])
+def test_a_convention_that_is_not_stated_excuses_answers_where_it_explains_nearly_all_of_them(wrong, word):
+    made = with_own_answers(session(400))
+    answers = made.sensor_attitudes.columns
+    answers["ra_deg"] /= 15
+    answers["de_deg"][:wrong] += 0.5
+    assessment = judge(made)
+    assert assessment.verdict is word
+    line = "state sensor: {attitude: {ra_unit: h}}"
+    assert any(line in reason for reason in assessment.reasons) == (word is Verdict.INCONCLUSIVE)
 
 
 def test_answers_to_no_panorama_and_answers_that_were_taken_back_are_counted():
@@ -490,7 +501,7 @@ def test_what_the_operator_leaves_out_is_not_counted():
 
 def test_what_fails_is_told_before_what_is_open():
     """Rows of RA are open, those of DE behind them fail."""
-    assessment = judge(session(200, noise=28.0, bias=(0.0, 400.0, 0.0)))
+    assessment = judge(session(200, noise=28.0, bias=(0.0, 400.0, 0.0), station=VOUCHED))
     outcome_of = {row.reason: row.outcome for row in assessment.rows if row.outcome is not Outcome.NOT_TESTED}
     assert outcomes(assessment)["95 % of |dRA*|"] is Outcome.INCONCLUSIVE
     told = [outcome_of[reason] for reason in assessment.reasons if reason in outcome_of]
@@ -649,19 +660,24 @@ def test_a_relative_verdict_says_when_the_mount_was_fitted_where_it_waited_for_t
 
 
 @pytest.mark.parametrize(
-    ("url", "sources", "simulated"),
+    ("url", "sources", "kinds", "simulated"),
     [
-        ("sim://", [], True),
-        ("/dev/ttyUSB0", [], False),
-        ("/dev/ttyUSB0", ["kernel PLL", "simulated"], True),
-        ("/dev/ttyUSB0", ["kernel PLL"], False),
+        ("sim://", [], [], True),
+        ("/dev/ttyUSB0", [], [], False),
+        ("/dev/ttyUSB0", ["kernel PLL", "simulated"], [], True),
+        ("/dev/ttyUSB0", ["kernel PLL"], ["NOTE"], False),
+        ("/dev/ttyUSB0", ["kernel PLL"], ["NOTE", "TEST_STREAM"], True),
     ],
 )
-def test_a_session_is_simulated_by_its_port_or_by_any_reading_of_its_clock(url, sources, simulated):
-    asked = SimpleNamespace(
-        station=SimpleNamespace(port=SimpleNamespace(url=url)), clock=[SimpleNamespace(source=one) for one in sources]
-    )
-    assert is_simulated(asked) is simulated
+def test_a_session_is_simulated_by_its_port_by_any_reading_of_its_clock_or_by_its_stream(
+    url, sources, kinds, simulated
+):
+    made = session(1)
+    made.station = STATION.model_copy(update={"port": STATION.port.model_copy(update={"url": url})})
+    made.clock = [replace(made.clock[0], source=one) for one in sources]
+    made.events = [LinkEvent(START_NS, 0, kind, "") for kind in kinds]
+    assert made.is_simulated is simulated
+    assert judge(made).simulated is simulated
 
 
 def timed(slow, of, *, is_stated=False, p99=123.45):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from skies.wrong_night import Plan, World, session
 
@@ -22,10 +23,67 @@ def test_a_clock_of_another_time_scale_is_a_mistake_of_the_set_up(clock_s, scale
     assert any("by the set-up (clock set to" in reason for reason in judged.reasons)
 
 
-def test_an_offset_that_is_no_time_scale_may_be_the_sensors():
-    judged = judge(session(WORLD, replace(WORLD, clock_s=20.0), PLAN))
-    assert judged.findings[0].cause == "clock offset"
+SHORT = replace(PLAN, seconds=20.0)
+"""Forty frames."""
+TURNS = {
+    "a mount a little below the old threshold": {"azimuth_deg": 130.5},
+    "one a little above it": {"azimuth_deg": 130.7},
+    "a mount that looks too low": {"altitude_deg": 59.9},
+    "a roll": {"roll_deg": 30.4},
+    "a clock that is fast": {"clock_s": 20.0},
+    "as much slow": {"clock_s": -20.0},
+    "a minute": {"clock_s": 60.0},
+    "a latitude": {"latitude_deg": 48.35},
+    "a longitude": {"longitude_deg": 12.6},
+}
+
+
+def turned_by(change):
+    of_site = {key: value for key, value in change.items() if key in ("latitude_deg", "longitude_deg")}
+    return replace(WORLD.at(**of_site), **{key: value for key, value in change.items() if key not in of_site})
+
+
+@pytest.mark.parametrize("change", TURNS.values(), ids=TURNS)
+def test_a_turned_sky_is_the_set_ups_at_every_size_and_sign_where_nobody_vouches_for_it(change):
+    judged = judge(session(WORLD, turned_by(change), SHORT))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.reasons[0].startswith("set-up: ")
+    assert "clock vouched for by the host's kernel PLL (0.01 s)" in judged.reasons[0]
+    assert "nobody vouches for mount and site" in judged.reasons[0]
+
+
+@pytest.mark.parametrize("change", TURNS.values(), ids=TURNS)
+def test_it_is_the_sensors_where_everything_is_vouched_for(change):
+    judged = judge(session(replace(WORLD, vouched=True), turned_by(change), SHORT))
     assert judged.verdict is Verdict.FAIL
+    assert judged.findings[0].cause == "alignment of the sensor"
+    assert "mount.uncertainty.azimuth_arcsec: 8" in judged.findings[0].size
+    assert not any(reason.startswith("set-up") for reason in judged.reasons)
+
+
+def test_an_exact_hit_of_a_mistake_is_named_though_everything_is_vouched_for():
+    judged = judge(session(replace(WORLD, vouched=True), replace(WORLD, azimuth_deg=310.0), SHORT))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.reasons[0].startswith("set-up: azimuth from south: ")
+    assert "mount.uncertainty.azimuth_arcsec: 8" in judged.reasons[0]
+    assert "both cannot be" in judged.reasons[0]
+
+
+def test_what_an_external_program_adds_itself_is_no_set_up():
+    """It counts pixels from 1, so that its answers lie a pixel off the stars that it names."""
+    made = session(WORLD, WORLD, SHORT)
+    station = made.station
+    limits = replace(station.limits, d_ra_cosde_arcsec=20.0, d_de_arcsec=20.0)
+    external = replace(station.identifier, algorithm="external", command=("./onboard",))
+    made.station = station.model_copy(update={"identifier": external, "limits": limits})
+    frames, pixel_arcsec = made.frames.columns, 49.465
+    for axis in ("x", "y"):
+        frames[f"cross_{axis}_arcsec"] += pixel_arcsec
+        made.frames.matches[f"residual_{axis}_arcsec"] += pixel_arcsec
+    roll = np.radians(frames["roll_true_deg"])
+    frames["d_ra_cosde_arcsec"] += pixel_arcsec * (np.cos(roll) + np.sin(roll))
+    frames["d_de_arcsec"] += pixel_arcsec * (np.sin(roll) - np.cos(roll))
+    assert judge(made).verdict is Verdict.FAIL
 
 
 def test_a_sensor_whose_picture_stands_still_is_frozen_and_no_moving_mount():
