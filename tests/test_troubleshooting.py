@@ -64,7 +64,7 @@ def messages():
 
 _CAUSES = (
     *("gross_causes", "fine_causes", "fine_findings", "diagnosis", "plain_findings", "misplaced_stars"),
-    *("sensor_convention", "sensor_findings", "sensor_health"),
+    *("sensor_convention", "sensor_findings", "sensor_health", "set_up_mistake"),
 )
 
 
@@ -86,6 +86,8 @@ def causes():
                 "of",
             ):
                 yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant) and arg.value)
+            if isinstance(node, ast.keyword) and node.arg == "cause" and isinstance(node.value, ast.Constant):
+                yield node.value.value
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "CLOCK_SCALES":
                 yield from ast.literal_eval(node.value)
             if isinstance(node, ast.FunctionDef) and node.name in ("of_mount", "_clock_words", "event_findings"):

@@ -36,6 +36,7 @@ from gse.diagnosis.plain_findings import (
     stars_by_day,
     still_panoramas,
     time_tag_faults,
+    wrapped_tags,
 )
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.session_model import SessionModel
@@ -53,7 +54,7 @@ from gse.statistics.session_statistics import Statistics
 from gse.truth import horizon_to_sensor, time_blocks
 from gse.values.axis import AXES, ON_SKY
 from gse.values.camera import Camera
-from gse.values.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import length, product
@@ -260,6 +261,7 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
         yield from most_unmatched(session, stats.counted)
     for line in time_tag_faults(session.frames.columns, session.events):
         yield Finding("sensor time tag", line.split(": ", 1)[1], (), "ask the maker; gse decode SESSION --explain")
+    yield from wrapped_tags(session)
     if "clock drift" not in named:
         yield from sensor_clock_drift(stats)
     if not (named & set(STARS_FALL_OUT) and stars_fall_out(session.frames.columns, stats.counted.used)):
@@ -297,12 +299,21 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
         series = without_star_changes(series, matches, residuals_arcsec, camera)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
+    pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
     model = SessionModel.from_series(
-        series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None
+        series.shortened(),
+        field,
+        station.site,
+        mount,
+        is_fitted=session.alignment is not None,
+        pixel_arcsec=(-pixel_arcsec if camera.mirrored else pixel_arcsec, pixel_arcsec),
     )
     frame_hz = 1 / max(float(np.median(np.diff(series.time_s))), 1e-9)
     late = LateFrames.from_frames(frames, session.events)
-    return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz, late))
+    has_host = bool((frames["host_utc_ns"] > 0).all())
+    return ModelledSession(
+        model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz, late, has_host)
+    )
 
 
 # Live diagnosis: findings of a running session, announced when they first show.

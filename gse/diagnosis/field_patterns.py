@@ -20,10 +20,16 @@ from gse.values.matrices import lstsq, pinv, product
 from gse.values.site import Site
 from gse.values.star_influence import FrameFits, boresight_shifts, star_covariance, unfitted
 
-PARAMETERS = ("focal length", "k1", "k2", "p1", "p2", "principal point x", "principal point y", "pressure")
-"""Each is the truth less what is stated: the focal length as a share, the points in px, the pressure in hPa."""
+PARAMETERS = (
+    *("focal length", "k1", "k2", "p1", "p2", "principal point x", "principal point y"),
+    *("pixel pitch", "pressure"),
+)
+"""Each is the truth less what is stated: the focal length as a share, the points in px, the pressure in hPa.
 
-_STEPS = (1e-5, 1e-4, 1e-4, 1e-4, 1e-4, 0.1, 0.1, 300.0)
+The pixel pitch is by how much a column is wider than a row, as a share: half of it each way.
+"""
+
+_STEPS = (1e-5, 1e-4, 1e-4, 1e-4, 1e-4, 0.1, 0.1, 1e-5, 300.0)
 _MOST_ROWS = 40_000
 _FEWEST_ROWS = 100
 _SHOWN_ROWS = 1000
@@ -245,6 +251,9 @@ def _patterns(
     stated = camera.directions(xy_px)
     for changed, step in zip(_cameras(camera), _STEPS, strict=False):
         yield (stated - changed.directions(xy_px))[:, :2] * (ARCSEC_PER_RAD / step)
+    middle, stretch = np.array(camera.principal_point_px), 1 + np.array([0.5, -0.5]) * _STEPS[-2]
+    stretched = camera.directions(middle + (xy_px - middle) * stretch)
+    yield (stated - stretched)[:, :2] * (ARCSEC_PER_RAD / _STEPS[-2])
     air = replace(site, pressure_hpa=site.air_pressure_hpa, temperature_c=site.air_temperature_c)
     more = replace(air, pressure_hpa=air.air_pressure_hpa + _STEPS[-1])
     straight, straighter = (Refraction.at(one).removed(stated, zenith_sensor) for one in (air, more))

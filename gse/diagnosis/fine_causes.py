@@ -23,7 +23,14 @@ from gse.diagnosis.competing_models import (
     white_precision,
 )
 from gse.diagnosis.field_patterns import FieldOfErrors
-from gse.diagnosis.fine_hypotheses import FineHypothesis, causes_of_field, constant_causes, drifts
+from gse.diagnosis.fine_hypotheses import (
+    MOST_SWING_ARCSEC,
+    FineHypothesis,
+    causes_of_field,
+    constant_causes,
+    drifts,
+    most_of_step,
+)
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import all_turns, pole
 from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
@@ -75,6 +82,7 @@ def _step(model: SessionModel, searched: int, cause: str, kind: str, is_before: 
         True,
         searched,
         float(time_s[first]),
+        bounds=most_of_step(cause),
         place=first,
         spacing=len(time_s) / (_STEPS + 1),
         moved=functools.partial(_step, model, searched, cause, kind, is_before),
@@ -114,6 +122,7 @@ def _wave(model: SessionModel, searched: int, kind: str, cycles: float) -> FineH
         True,
         searched,
         period_s,
+        bounds=(-MOST_SWING_ARCSEC, MOST_SWING_ARCSEC),
         place=cycles,
         spacing=_CYCLE_STEP,
         moved=functools.partial(_wave, model, searched, kind),
@@ -139,9 +148,9 @@ EQUAL_WITHIN = 9.0
 """Three standard errors."""
 _MOST_CAUSES = 3
 _EXCLUSIVE = (
-    frozenset({"clock offset", "mount", "site"}),
+    frozenset({"clock offset", "mount", "site", "pixel origin"}),
     frozenset({"clock drift", "mount moves"}),
-    frozenset({"focal length", "distortion", "refraction"}),
+    frozenset({"focal length", "distortion", "refraction", "pixel pitch"}),
 )
 _LEAST_WITHOUT_ONE = 0.5
 """Share of its worth that a cause keeps without any one star; in a field of few stars one at the edge may tell half of
@@ -294,10 +303,9 @@ def score(observed: Observed, causes: Sequence[FineHypothesis]) -> float:
         return fit.twice_log_likelihood
     last = causes[-1]
     place = -last.columns.count
-    slack = 3 * math.sqrt(max(float(fit.covariance[place, place]), 0.0))
-    low, high = last.bounds
-    inside = low - slack <= float(fit.coefficients[place]) <= high + slack
-    return fit.twice_log_likelihood - last.cost if inside else -math.inf
+    error = math.sqrt(max(float(fit.covariance[place, place]), 0.0))
+    is_allowed = last.allows(float(fit.coefficients[place]), error)
+    return fit.twice_log_likelihood - last.cost if is_allowed else -math.inf
 
 
 def _explains(observed: Observed, causes: Sequence[FineHypothesis]) -> float:

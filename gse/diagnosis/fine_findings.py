@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import FieldOfErrors
 from gse.diagnosis.fine_causes import Named, fine_causes
-from gse.diagnosis.fine_hypotheses import MOST_HPA, TANGENTIAL, ZERO_C_K, FineHypothesis
+from gse.diagnosis.fine_hypotheses import (
+    MOST_HPA,
+    MOST_SWING_ARCSEC,
+    TANGENTIAL,
+    ZERO_C_K,
+    FineHypothesis,
+)
 from gse.diagnosis.gross_causes import DATE_S, wrong_dates
 from gse.diagnosis.late_frames import CRYSTAL_PPM, LateFrames
 from gse.diagnosis.session_model import SessionModel
@@ -177,7 +183,8 @@ _MOST_BEAT_FRAMES = 200
 class Setting:
     """What findings are worded with: the stated values, the first instant, the exposure, and frames per second.
 
-    ``late`` is None where host stamps do not tell how late frames are read.
+    ``late`` is None where host stamps do not tell how late frames are read. Without host times, ``has_host``, as in a
+    raw capture, all time is the sensor's own.
     """
 
     camera: Camera
@@ -187,6 +194,7 @@ class Setting:
     exposure_s: float
     frame_hz: float
     late: LateFrames | None = None
+    has_host: bool = True
 
 
 def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) -> tuple[Finding, ...]:
@@ -196,7 +204,7 @@ def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) ->
     if model.field is not None:
         periods_s = [one.hypothesis.at_s for one in causes if one.hypothesis.cause == "thermal sinusoid"]
         shaking = vibration(without_waves(series, periods_s), model.field)
-        found += [_vibration(shaking)] if shaking else []
+        found += [_vibration(shaking)] if shaking and shaking.excess_arcsec <= MOST_SWING_ARCSEC else []
     return tuple(found)
 
 
@@ -225,12 +233,14 @@ def _clock_offset(one: Named, setting: Setting) -> Finding:
         if abs(abs(fast_s) - share * setting.exposure_s) < _SIGMAS * error_s < setting.exposure_s / 4:
             equals.append(f"a time stamp of {end} of the exposure ({setting.exposure_s:g} s)")
     equals += wrong_dates(fast_s)
-    size = f"the host's clock is {abs(fast_s):.{_digits(error_s)}f} s {'fast' if fast_s > 0 else 'slow'}"
-    size += f" (+- {_digits_of(2 * error_s, 2)} s)"
+    whose = "the host's clock is" if setting.has_host else "the start that was given (--start-utc) is"
+    fast = ("fast" if fast_s > 0 else "slow") if setting.has_host else ("late" if fast_s > 0 else "early")
+    size = f"{whose} {abs(fast_s):.{_digits(error_s)}f} s {fast} (+- {_digits_of(2 * error_s, 2)} s)"
     if _is_whole(abs(fast_s), 1.0, error_s):
         size += ": a leap second"
     scales = (cause for cause, ahead_s in CLOCK_SCALES.items() if _is_whole(fast_s, ahead_s, error_s))
-    return Finding(next(scales, "clock offset"), size, _equals(one, *equals), _SYNC)
+    advice = _SYNC if setting.has_host else "judge the capture again with the right start: --start-utc"
+    return Finding(next(scales, "clock offset"), size, _equals(one, *equals), advice)
 
 
 def _is_whole(fast_s: float, expected_s: float, error_s: float) -> bool:
@@ -336,6 +346,29 @@ def _tangential(one: Named, setting: Setting) -> Finding:
     return Finding("distortion", size, _equals(one), "gse calibrate SESSION --tangential --write FILE")
 
 
+def _pixel_pitch(one: Named, setting: Setting) -> Finding:
+    share, error = one.coefficients.item(), one.errors.item()
+    kind, other, axis = ("columns", "rows", "x") if one.hypothesis.kind == "columns" else ("rows", "columns", "y")
+    size = (
+        f"{kind} lie {percent(abs(share), 3)} {'further' if share > 0 else 'closer'} (+- {_digits_of(200 * error, 1)} "
+    )
+    size += f"%) than {other}: pixels that are not square, or {axis} in another scale"
+    return Finding(
+        "pixel pitch", size, _equals(one, f"a scale of {axis} that the protocol description has otherwise"),
+        f"see the data sheet for the pitch of the pixels; correct scale of {axis} in the protocol description",
+    )  # fmt: skip
+
+
+def _pixel_origin(one: Named, setting: Setting) -> Finding:
+    off_px = one.coefficients.item()
+    counted = "from 1" if abs(off_px) > 0.75 else "from the corner of the first one"
+    size = f"all stars lie {abs(off_px):.2f} px off along both axes: the sensor counts pixels {counted}"
+    return Finding(
+        "pixel origin", size, _equals(one, "a principal point that is off by as much", "a mount turned by as much"),
+        "correct zero of x and y in the protocol description (docs/protocols.md)",
+    )  # fmt: skip
+
+
 def _principal_point(one: Named, setting: Setting) -> Finding:
     dx, dy = one.coefficients.tolist()
     x, y = setting.camera.principal_point_px
@@ -371,9 +404,13 @@ def _refraction(one: Named, setting: Setting) -> Finding:
 
 def _clock_drift(one: Named, setting: Setting) -> Finding:
     ppm, error = one.coefficients.item(), one.errors.item()
-    size = f"the host's clock runs {abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {_digits_of(2 * error, 2)}), "
-    size += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
-    return Finding("clock drift", size, _equals(one, "a mount that turns about the pole"), _SYNC)
+    runs = f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {_digits_of(2 * error, 2)}), "
+    runs += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
+    equals = _equals(one, "a mount that turns about the pole")
+    if not setting.has_host:
+        return Finding("sensor clock drift", f"the sensor's time tags, by which this capture has its times, run {runs}",
+                       equals, "record with gse run: the host's clock then tells")  # fmt: skip
+    return Finding("clock drift", f"the host's clock runs {runs}", equals, _SYNC)
 
 
 def _by_the_tags(one: Named, setting: Setting, turned_arcsec: float, over_s: float, by_stars: str) -> Finding | None:
@@ -406,6 +443,9 @@ def _clock_step(one: Named, setting: Setting) -> Finding:
     arcsec = step_s * EARTH_RATE_ARCSEC_PER_S
     slip = f"a slip of the mount about the pole by {arcsec:+.1f} arcsec"
     later = "later" if step_s > 0 else "earlier"
+    if not setting.has_host:
+        size = f"the sensor's time tags, by which this capture has its times, stepped by {step_s:+.3f} s at {when}"
+        return Finding("sensor time tag", size, _equals(one, slip), "record with gse run: the host's clock then tells")
     if setting.late is None:
         delay = f"a link or a proxy by which frames come {abs(step_s):.3f} s {later} from then on"
         return Finding(
@@ -497,6 +537,8 @@ _WORDS: dict[str, Callable[[Named, Setting], Finding]] = {
     "focal length": _focal_length,
     "distortion": _distortion,
     "principal point": _principal_point,
+    "pixel pitch": _pixel_pitch,
+    "pixel origin": _pixel_origin,
     "refraction": _refraction,
     "clock drift": _clock_drift,
     "mount moves": _mount_moves,

@@ -24,6 +24,18 @@ MOST_HPA, _COLDEST_K = 1085.0, 180.0
 """The highest pressure and the lowest temperature on record: air that is colder than stated bends light as denser."""
 ZERO_C_K = 273.15
 TANGENTIAL = "tangential"
+_ORIGINS_PX = (-1.0, -0.5, 0.5, 1.0)
+"""Pixels that are counted from 1, or from the corner of the first one."""
+_ORIGIN_ERROR_PX = 0.1
+"""What is known worse is near to one of these by chance."""
+_MOST_FOCAL = 0.25
+"""As a share: more is another lens."""
+_MOST_PPM = 10_000.0
+"""No clock runs 1 % fast; what does is a time tag in another unit."""
+_MOST_STEP_S, _MOST_SLIP_ARCSEC, _MOST_ARCSEC_PER_H = 3600.0, 36_000.0, 65_000.0
+"""An hour, ten degrees, and a little more than the sky turns: beyond them a step of the errors is of another kind."""
+MOST_SWING_ARCSEC = 600.0
+"""No heater and no fan swings or shakes a mount by more than ten arcminutes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +44,8 @@ class FineHypothesis:
 
     ``is_change`` over time; ``bounds`` are what nature allows the first coefficient, and ``known`` is how well it is
     stated (95 %): what is smaller is not a mistake.
-    ``moved`` gives it at another ``place`` than those that were tried, ``spacing`` apart.
+    ``moved`` gives it at another ``place`` than those that were tried, ``spacing`` apart. A coefficient that can be
+    ``only`` some values is that of a mistake without a size of its own.
     """
 
     cause: str
@@ -46,6 +59,16 @@ class FineHypothesis:
     place: float = math.nan
     spacing: float = 0.0
     moved: "Callable[[float], FineHypothesis] | None" = None
+    only: tuple[float, ...] = ()
+
+    def allows(self, coefficient: float, error: float) -> bool:
+        """Whether nature allows a first coefficient that is known so well: within bounds, or one of some values."""
+        low, high = self.bounds
+        slack = 3 * error
+        if self.only:
+            off = min(abs(coefficient - value) for value in self.only)
+            return error <= _ORIGIN_ERROR_PX and off <= max(slack, _ORIGIN_ERROR_PX)
+        return low - slack <= coefficient <= high + slack
 
     @property
     def cost(self) -> float:
@@ -78,6 +101,9 @@ def constant_causes(model: SessionModel) -> Iterator[FineHypothesis]:
     for name, axis in axes.items():
         yield FineHypothesis("mount", name, model.columns(model.along(axis, ones)))
     yield FineHypothesis("site", "latitude", model.columns(model.along(EAST, ones)))
+    if any(model.pixel_arcsec):
+        shifted = np.outer(ones, [*model.pixel_arcsec, 0.0])
+        yield FineHypothesis("pixel origin", "pixel origin", model.columns(shifted), only=_ORIGINS_PX)
     yield FineHypothesis("mount", "mount", model.columns(*(model.along(axis, ones) for axis in all_turns(model.mount))))
 
 
@@ -97,11 +123,18 @@ def causes_of_field(model: SessionModel) -> Iterator[FineHypothesis]:
         field[parts, range(len(parts))] = 1.0
         return FineHypothesis(cause, cause, model.columns(*(shifts[part].T for part in parts), field=field))
 
-    yield of("focal length", "focal length")
+    yield replace(of("focal length", "focal length"), bounds=(-_MOST_FOCAL, _MOST_FOCAL))
     yield of("distortion", "k1")
     yield replace(of("distortion", "k1", "k2"), kind="k1 and k2")
     yield replace(of("distortion", "p1", "p2"), kind=TANGENTIAL)
     yield of("principal point", "principal point x", "principal point y")
+    for kind, way in (("columns", 1.0), ("rows", -1.0)):  # one of the two scales alone: half of it is a focal length's
+        pitch = np.zeros((len(PARAMETERS), 1))
+        pitch[PARAMETERS.index("focal length")], pitch[PARAMETERS.index("pixel pitch")] = -0.5, way
+        moved = -0.5 * shifts[PARAMETERS.index("focal length")] + way * shifts[PARAMETERS.index("pixel pitch")]
+        yield FineHypothesis(
+            "pixel pitch", kind, model.columns(moved.T, field=pitch), bounds=(-_MOST_FOCAL, _MOST_FOCAL)
+        )
     if not model.is_fitted:
         stated_hpa = model.site.air_pressure_hpa
         densest_hpa = MOST_HPA * (model.site.air_temperature_c + ZERO_C_K) / _COLDEST_K
@@ -116,14 +149,22 @@ def _known_hpa(site: Site) -> float:
     return math.hypot(site.pressure_uncertainty_hpa, site.air_pressure_hpa * math.hypot(by_temperature, AIR_MODEL))
 
 
+def most_of_step(cause: str) -> tuple[float, float]:
+    """What nature allows the step of a clock, in s, or the slip of a mount, in arcsec."""
+    most = _MOST_STEP_S if cause == "clock step" else _MOST_SLIP_ARCSEC
+    return -most, most
+
+
 def drifts(model: SessionModel) -> Iterator[FineHypothesis]:
     """From the first frame, or to the last: when it was right is not known."""
     time_s = model.series.time_s
     for since_s in (0.0, model.series.duration_s / 2, model.series.duration_s):
         ramp = time_s - since_s
         about_pole = model.columns(model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * 1e-6 * ramp))
-        yield FineHypothesis("clock drift", "clock drift", about_pole, is_change=True)
+        yield FineHypothesis("clock drift", "clock drift", about_pole, is_change=True, bounds=(-_MOST_PPM, _MOST_PPM))
+        most = (-_MOST_ARCSEC_PER_H, _MOST_ARCSEC_PER_H)
         for name, axis in model.axes().items():
-            yield FineHypothesis("mount moves", name, model.columns(model.along(axis, ramp / 3600)), is_change=True)
+            column = model.columns(model.along(axis, ramp / 3600))
+            yield FineHypothesis("mount moves", name, column, is_change=True, bounds=most)
         each = (model.along(axis, ramp / 3600) for axis in all_turns(model.mount))
-        yield FineHypothesis("mount moves", "mount moves", model.columns(*each), is_change=True)
+        yield FineHypothesis("mount moves", "mount moves", model.columns(*each), is_change=True, bounds=most)

@@ -30,7 +30,7 @@ from gse.values.attitude import Attitude, solve_attitude
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_RAD_PER_S
 from gse.values.finding import Finding
-from gse.values.instant import NS_PER_DAY, NS_PER_S
+from gse.values.instant import NS_PER_DAY, NS_PER_S, to_text
 from gse.values.matrices import length, lstsq, product
 from gse.values.mount import Mount
 from gse.values.site import Site
@@ -119,6 +119,17 @@ def of_clock(stated: GrossHypothesis, fast_s: float) -> Iterator[GrossHypothesis
         if hours and abs(fast - 3600 * hours) < near_s and abs(fast) < _MOST_CLOCK_S:
             cause, size = _clock_words(hours)
             yield replace(stated, cause=cause, size=size, next_step=SET_CLOCK, clock_s=3600.0 * hours)
+    for days in (-366, -365, 365, 366):
+        turned_s = 86_400 * days - SIDEREAL_DAY_S * round((86_400 * days - fast_s) / SIDEREAL_DAY_S)
+        if abs(turned_s - fast_s) < DATE_S:
+            way = "ahead of" if days > 0 else "behind"
+            yield replace(
+                stated,
+                cause="date off by a year",
+                size=f"the host's date is {abs(days)} days {way} UTC",
+                next_step=SET_CLOCK,
+                clock_s=86_400.0 * days,
+            )
 
 
 def _nearest_zone(hours: float) -> float:
@@ -349,9 +360,13 @@ def angle_text(angle_deg: float) -> str:
 
 
 GROSS_DEG = 0.3
-"""Smaller errors are left to gse.diagnosis.fine_causes: a mount that is set by hand is off by as much."""
+"""Smaller errors are left to gse.diagnosis.fine_causes, but for an exact hit: a mount set by hand is off by as much."""
+_SURE_CHI_SQUARE = 225.0
+"""Fifteen standard deviations: less is hit exactly by chance, now and then."""
 _MOST_CHI_SQUARE = 11.34
 """Of three angles that are left, by noise alone in one session of a hundred."""
+_MOST_WORSE = 6.63
+"""By how much chi-square of one angle that is free is less, in one session of a hundred in which it is nothing."""
 _NEAR_SHARE, _NEAR_ARCSEC = 0.05, 20.0
 """What explains nearly all is named, too, with what it leaves: a third of the usual limit at most."""
 _MOVED_SHARE = 0.2
@@ -400,6 +415,8 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
     measured = mount_under(raw, stated, orientation)
     apart_deg = np.degrees(np.linalg.norm(small_rotations(measured, measured[central(measured)]), axis=1))
     steady = apart_deg < _STEADY_DEG
+    if (finding := _time_unit(raw, mount, site)) or (finding := _two_pointings(raw, measured, steady)):
+        return GrossCause(finding)
     if steady.mean() < _MAJORITY:
         return _follows_the_sky(raw, float(apart_deg.max()))
     noise_arcsec = _noise_arcsec(measured[steady], site, mount)
@@ -409,13 +426,18 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
         left = errors_arcsec(mount_under(raw, under, orientation), horizon_to_sensor(under.mount)).mean(axis=0)
         return _Tried(under, left, float(np.square(left / noise_arcsec).sum()))
 
-    if (error_deg := tried(stated).left_deg) < GROSS_DEG:
+    as_stated = tried(stated)
+    if (error_deg := as_stated.left_deg) < GROSS_DEG and as_stated.chi_square < _SURE_CHI_SQUARE:
         return None
     of_one_axis = [tried(one) for one in _about_one_axis(raw, stated, orientation, noise_arcsec)]
     fast_s = of_one_axis[0].under.clock_s
     of_list = [tried(one) for one in (*of_site(site, mount), *of_mount(site, mount), *of_clock(stated, fast_s))]
-    if exact := [one for one in of_list if one.is_exact]:
+    best_of_any_amount = min(one.chi_square for one in of_one_axis)
+    exact = [one for one in of_list if one.is_exact and one.chi_square < best_of_any_amount + _MOST_WORSE]
+    if exact:
         return GrossCause(_of_the_list(exact, error_deg), is_exact=True)
+    if error_deg < GROSS_DEG:
+        return None
     if exact := [one for one in of_one_axis if one.is_exact]:
         found, *others = (_in_words(one.under, stated) for one in exact)
         return GrossCause(replace(found, equals=(*found.equals, *(f"{one.cause} ({one.size})" for one in others))))
@@ -458,6 +480,77 @@ def _noise_arcsec(measured: NDArray[np.float64], site: Site, mount: Mount) -> ND
         math.hypot(TO_STANDARD * math.hypot(known.roll_arcsec, known.azimuth_arcsec), _TIMES_ROLL * _STARS_ARCSEC),
     )
     return np.asarray(np.hypot(scatter, [across, across, roll]))
+
+
+def _two_pointings(raw: RawAttitudes, measured: NDArray[np.float64], steady: NDArray[np.bool_]) -> Finding | None:
+    """Two directions that both hold still: sensors that share a line, or a mount that was moved once."""
+    rest = np.flatnonzero(~steady)
+    fewest = max(_SECOND_SHARE * len(steady), _FEWEST_SECOND)
+    if len(rest) < fewest:
+        return None
+    others = measured[rest]
+    middle = others[central(others)]
+    apart_deg = np.degrees(np.linalg.norm(small_rotations(others, middle), axis=1))
+    is_second = np.zeros(len(steady), dtype=bool)
+    is_second[rest[apart_deg < _STEADY_DEG]] = True
+    known = steady | is_second
+    if is_second.sum() < fewest or known.sum() < _BOTH_SHARE * len(steady):
+        return None
+    (turn,) = small_rotations(middle[None], measured[central(measured)])
+    between = f"{angle_text(math.degrees(length(turn)))} apart"
+    changes = np.flatnonzero(np.diff(is_second[known]))
+    if len(changes) == 1:
+        when = to_text(int(raw.utc_ns[known][changes[0] + 1]), 0)
+        return Finding(
+            "slip of the mount",
+            f"before {when} it was turned to another direction, {between}, and stays there",
+            ("another sensor from then on",),
+            "judge each part by itself: gse session trim SESSION cuts it",
+            is_gross=True,
+        )
+    return Finding(
+        "two pointings",
+        f"the answers show the sky from two directions that both hold still, {between}, and alternate between them",
+        ("two sensors whose frames are in one recording", "a mount that is switched to and fro"),
+        "record one sensor at a time; gse decode SESSION --explain shows whose frames they are",
+        is_gross=True,
+    )
+
+
+def _time_unit(raw: RawAttitudes, mount: Mount, site: Site) -> Finding | None:
+    """A sky that turns a thousand times as fast, or as slowly, as the times of the frames say."""
+    seconds = np.diff(raw.utc_ns) / NS_PER_S
+    boresight = horizon_to_sensor(mount)[2]
+    across = length(np.cross(pole(site), boresight))
+    stated = EARTH_RATE_RAD_PER_S * across * seconds
+    seen = np.linalg.norm(np.diff(raw.icrs_to_sensor[:, 2], axis=0), axis=1)
+    useful = seconds > 0
+    if useful.sum() < _FEWEST_STEPS or across < _LEAST_ACROSS:
+        return None
+    power = math.log10(max(float(np.median(seen[useful] / stated[useful])), _TINY)) / 3
+    times = round(power)
+    if times == 0 or abs(power - times) > _POWER_WITHIN or abs(times) > 3:
+        return None
+    steps = seen[useful] / (1000.0**times * stated[useful])
+    if float(np.median(np.abs(steps - 1))) > _STEPS_WITHIN:
+        return None
+    return Finding(
+        "time tags in another unit",
+        f"the sky turns {['1,000,000,000', '1,000,000', '1,000'][3 - abs(times)]} times as "
+        f"{'fast' if times > 0 else 'slowly'} as the time tags say: they count {'larger' if times > 0 else 'smaller'} "
+        "units than the protocol description has",
+        (),
+        "correct the unit of time in the protocol description (docs/protocols.md), and read the recording again",
+        is_gross=True,
+    )
+
+
+_SECOND_SHARE, _FEWEST_SECOND, _BOTH_SHARE = 0.2, 3, 0.85
+"""Least share of the frames that look elsewhere, and of those that look to one of the two: the others are false."""
+_FEWEST_STEPS = 5
+_POWER_WITHIN, _STEPS_WITHIN = 0.05, 0.4
+"""Of a thousand, to a third of it; steps from frame to frame have the noise of the boresight."""
+_LEAST_ACROSS, _TINY = 0.1, 1e-12
 
 
 def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> GrossCause | None:

@@ -16,7 +16,7 @@ _LOW_DEG = 10.0
 """At an altitude of 10 deg air lifts stars by 5 arcmin, at 30 deg by 1.7: a field holds both."""
 _FEWEST_ANSWERED = 5
 """One picture may show the edge of a cloud, a bright Moon or a town."""
-STARS_FALL_OUT = ("distortion", "focal length", "principal point")
+STARS_FALL_OUT = ("distortion", "focal length", "principal point", "pixel pitch")
 """Causes that may move stars by more than they are matched within; beside them all others are guesses then."""
 FALLEN_OUT_SHARE = 0.3
 """Least share of the matched stars; satellites, noise or a few hot pixels make fewer."""

@@ -75,6 +75,8 @@ def _longest_run(rows: NDArray[np.int64], pictures: NDArray[np.float64]) -> tupl
 
 # Faults of the sensor's time tags: tags that stand still, leap, or run fast or slow for a while.
 
+_UNITS_US = (("1 us", 1.0), ("10 us", 10.0), ("100 us", 100.0), ("1 ms", 1e3), ("10 ms", 1e4), ("1/256 s", 1e6 / 256))
+
 LEAP_S = 0.5
 """A tag that is ahead of the host by this much more than in the frame before, though no frame is missing, has leapt."""
 
@@ -84,6 +86,8 @@ _OFTEN_STUCK = 0.1
 _RATE_FRAMES = 40
 _RATE_OFF = 0.05
 """A share that no oscillator is off by."""
+_LASTING_SHARE = 0.4
+"""Of what a rate makes from the first quarter of a block to its last, which is three quarters of it."""
 _SIGMAS = 5.0
 _MAD, _OF_MEDIAN = 1.4826, 1.2533
 """Standard deviation of normal numbers in their median deviation, and error of their median in that of their mean."""
@@ -136,11 +140,28 @@ def _rate(frames: Columns) -> Iterator[str]:
     regular = np.flatnonzero((tags_s > 0) & (host_s > np.median(host_s) / 2))
     blocks = regular[: len(regular) // _RATE_FRAMES * _RATE_FRAMES].reshape(-1, _RATE_FRAMES)
     off = _off(tags_s[blocks] / host_s[blocks])
+    if len(off):
+        off = np.where(_lasts(off, blocks, tags_s, host_s), off, 0.0)
     if len(off) and np.abs(off).max() > _RATE_OFF:
         worst = int(np.abs(off).argmax())
         when = to_text(int(frames["host_utc_ns"][blocks[worst, 0]]), 1)
         how = "fast" if off[worst] > 0 else "slow"
         yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"
+
+
+def _lasts(
+    off: NDArray[np.float64], blocks: NDArray[np.int64], tags_s: NDArray[np.float64], host_s: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether tags that run off in a block (K,) are so far from the host at its end as that makes.
+
+    Frames that are read in groups, as an adapter hands them over, have wrong steps and right stamps now and then: the
+    least lateness of either end stays.
+    """
+    late_s = np.concatenate([[0.0], np.cumsum(host_s - tags_s)])
+    quarter = blocks.shape[1] // 4
+    least = [late_s[part].min(axis=1) for part in (blocks[:, :quarter], blocks[:, -quarter:] + 1)]
+    expected_s = -off * host_s[blocks].sum(axis=1)
+    return np.asarray((least[1] - least[0]) * np.sign(expected_s) >= _LASTING_SHARE * np.abs(expected_s))
 
 
 def _off(rates: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -340,7 +361,6 @@ def _without_answer(session: SessionData) -> Finding:
     )
 
 
-STARS_BY_DAY = "stars by day"
 _DAY_DEG = 1.0
 """A Sun that is no higher may stand behind a hill, or be lifted by air."""
 _FEWEST_BY_DAY = 5
@@ -357,7 +377,7 @@ def stars_by_day(session: SessionData, counted: CountedFrames) -> Iterator[Findi
         return
     sun_deg = float(np.median(frames["sun_altitude_deg"][seen]))
     yield Finding(
-        STARS_BY_DAY,
+        "stars by day",
         f"stars are identified in {count_text(int(seen.sum()), 'frame')} though the Sun stands {sun_deg:.0f} deg above "
         "the horizon, by this clock and site",
         ("a clock, a date or a site that is wrong, which a fitted mount hides", "an emulator, a screen or a recording"),
@@ -390,6 +410,32 @@ def sensor_clock_drift(stats: Statistics) -> Iterator[Finding]:
             ("a host's clock that is being slewed",),
             "see the clock: gse preflight; the sensor's own tags are not used for UTC",
         )
+
+
+def wrapped_tags(session: SessionData) -> Iterator[Finding]:
+    """Time tags that begin anew after a round number of their units: a counter that is full, and no restart."""
+    tags_us = session.frames.columns["time_us"].astype(np.int64)
+    steps_us = np.diff(tags_us)
+    back_us = -steps_us[steps_us < 0]
+    if not len(back_us) or session.station.mount.inertial is not None:
+        return
+    usual_us = float(np.median(steps_us[steps_us > 0])) if (steps_us > 0).any() else 0.0
+    for bits, unit, unit_us in _COUNTERS:
+        full_us = 2**bits * unit_us
+        if (np.abs(back_us + usual_us - full_us) <= _WRAP_STEPS * usual_us).all() and full_us > _WRAP_STEPS * usual_us:
+            yield Finding(
+                "wrapped time tags",
+                f"the sensor's time tag began anew {count_text(len(back_us), 'time')}, after {full_us / 1e6:.6g} s: it "
+                f"counts {bits} bits of {unit}",
+                ("a sensor that starts anew just then",),
+                "record with gse run, whose stamps tell how often; a capture has no times beyond the first one",
+            )
+            return
+
+
+_COUNTERS = tuple((bits, unit, of_one_us) for bits in (16, 24, 32) for unit, of_one_us in _UNITS_US)
+_WRAP_STEPS = 2.0
+"""Times the usual step: the frame at the end of the count may be missing."""
 
 
 def hot_pixels(session: SessionData) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ class SessionModel:
     """Errors and field of a session with the geometry that the causes need.
 
     ``mount`` is the one in force; ``is_fitted`` where it was fitted on the same sky, so that constant errors tell
-    nothing.
+    nothing. ``pixel_arcsec`` is by how much the boresight moves where all stars lie a pixel further along x and y.
     """
 
     series: ErrorSeries
@@ -36,17 +36,25 @@ class SessionModel:
     mount: Mount
     is_fitted: bool
     decorrelate: NDArray[np.float64]
+    pixel_arcsec: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def from_series(
-        cls, series: ErrorSeries, field: FieldOfErrors | None, site: Site, mount: Mount, *, is_fitted: bool
+        cls,
+        series: ErrorSeries,
+        field: FieldOfErrors | None,
+        site: Site,
+        mount: Mount,
+        *,
+        is_fitted: bool,
+        pixel_arcsec: tuple[float, float] = (0.0, 0.0),
     ) -> "SessionModel":
         """With the coordinates in which the upper half of the ordinates is independent and of variance one."""
         cosines = series.cosines(series.errors_arcsec)
         upper = cosines[len(cosines) // 2 :]
         covariance = product(upper.T, upper) / len(upper)
         covariance += np.diag(1e-6 + 1e-6 * np.diag(covariance))
-        return cls(series, field, site, mount, is_fitted, inv(cholesky(covariance)))
+        return cls(series, field, site, mount, is_fitted, inv(cholesky(covariance)), pixel_arcsec)
 
     def observed(self) -> Observed:
         """What the models compete for."""

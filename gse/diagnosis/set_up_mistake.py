@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.diagnosis.fine_findings import CLOCK_SCALES
-from gse.diagnosis.gross_causes import angle_text, gross_cause_of
+from gse.diagnosis.gross_causes import CORRECT, angle_text, gross_cause_of
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
 from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_rad, taken_out
 from gse.station.attitude_error import attitude_errors
@@ -312,19 +312,35 @@ def _covariance(fit: Alignment, site: Site, budget: TruthUncertaintyBudget) -> N
 
 def place_mistake(
     session: SessionData, counted: CountedFrames, found: tuple[Finding, ...], shared: SharedTurn
-) -> Finding | None:
-    """What of the set-up explains the shared turn, with who vouches; None where all that could is vouched for.
+) -> tuple[Finding, ...]:
+    """The findings with what of the set-up explains the shared turn in front, and who vouches for what.
 
-    An exact hit among the gross mistakes is one though somebody vouches: both cannot be.
+    None of them where all that could explain it is vouched for. An exact hit among the gross mistakes does though
+    somebody vouches: both cannot be.
     """
-    named = next((finding for finding in found if finding.is_gross or finding.cause in OF_PLACE), None)
+    turning = *OF_PLACE, "pixel origin", "principal point"
+    named = next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
     gross = gross_cause_of(session, counted) if named and named.is_gross else None
     is_exact = named is not None and (named.cause in CLOCK_SCALES or (gross is not None and gross.is_exact))
     if not shared.is_free and not is_exact:
-        return None
+        return ()
     both = "" if shared.is_free else ", and both cannot be"
-    finding = named or _elsewhere(session.station.mount, shared)
-    return replace(finding, size=f"{finding.size} ({shared.who}{both})")
+    finding = _not_the_clock(named, shared) if named else _elsewhere(session.station.mount, shared)
+    finding = replace(finding, size=f"{finding.size} ({shared.who}{both})")
+    return (finding, *(one for one in found if one is not named))
+
+
+def _not_the_clock(named: Finding, shared: SharedTurn) -> Finding:
+    """The longitude, whose error is that of a clock, where somebody vouches for the clock alone."""
+    by_clock = any(one.startswith("clock") for one in shared.vouched)
+    longitude = next((one for one in named.equals if one.startswith("longitude (")), "")
+    if named.cause != "clock offset" or not longitude or not by_clock or "site" not in shared.unvouched:
+        return named
+    others = tuple(one for one in named.equals if one != longitude)
+    size = longitude.removeprefix("longitude (").removesuffix(")")
+    return replace(
+        named, cause="longitude", size=size, equals=(f"clock offset ({named.size})", *others), next_step=CORRECT
+    )
 
 
 def _elsewhere(stated: Mount, shared: SharedTurn) -> Finding:

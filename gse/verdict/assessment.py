@@ -90,10 +90,11 @@ def judge(session: SessionData) -> Assessment:
     mistake, kept = lost_station(session), frozenset[tuple[Subject, str]]()
     if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
         mistake = camera_mistake(session, stats.counted, found)
-        if mistake is None and (shared := shared_turn(session, stats, budget)):
-            kept = _kept(rows, without_turn(session, shared.fit))
-            mistake = place_mistake(session, stats.counted, found, shared) if kept else None
-            if kept and mistake is None:
+        shared = shared_turn(session, stats, budget) if mistake is None else None
+        if shared is not None and (kept := _kept(rows, without_turn(session, shared.fit))):
+            if explained := place_mistake(session, stats.counted, found, shared):
+                mistake, found = explained[0], explained
+            else:
                 beside = (one for one in found if not one.is_gross and one.cause not in OF_PLACE)
                 found = (alignment_finding(shared), *beside)
     available = {subject: of.available for subject, of in stats.subjects.items()}
@@ -147,12 +148,16 @@ def _rows(session: SessionData, stats: Statistics, budget: TruthUncertaintyBudge
 
 
 def _kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subject, str]]:
-    """Rows that fail, and that do not in the session without the turn that panoramas and stars share."""
+    """Rows that fail, and keep their limits in the session without the turn that panoramas and stars share."""
     stats = statistics(without)
     left = _rows(without, stats, _budget(without, stats))
     failing = {(row.subject, row.name) for row in rows if row.outcome is Outcome.FAIL}
-    undecided = {(row.subject, row.name) for row in left if row.outcome in (Outcome.PASS, Outcome.INCONCLUSIVE)}
-    return frozenset(failing & undecided)
+    return frozenset(failing & {(row.subject, row.name) for row in left if _keeps_its_limit(row)})
+
+
+def _keeps_its_limit(row: Row) -> bool:
+    """Whether the figure itself does, though its uncertainty may not."""
+    return row.outcome is Outcome.PASS or (row.outcome is Outcome.INCONCLUSIVE and row.value <= row.limit)
 
 
 def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:

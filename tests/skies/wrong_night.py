@@ -44,6 +44,7 @@ _HORIZON = 0.02
 class World:
     """Site, mount, camera, clock and sky as they are; changes over time begin at ``at_s`` from the start.
 
+    ``wider_columns`` is by how much further apart than stated stars stand along a row of pixels, as a share.
     ``moves_arcsec_per_h`` and ``slip_arcsec`` turn the sensor along columns, rows and about the boresight, waves and
     vibration across it. ``wander`` is a correlated error across the boresight: arcsec, and its time constant in s.
     From ``at_s`` on frames are read ``late_s`` later.
@@ -59,6 +60,7 @@ class World:
     focal_length_px: float = 4169.9
     principal_point_px: tuple[float, float] = (0.0, 0.0)
     k1: float = 0.0
+    wider_columns: float = 0.0
     mirrored: bool = False
     noise_px: float = 0.2
     whole_pixels: bool = True
@@ -173,6 +175,7 @@ def _frames(
         sensor = replace(sensor, axes=Rotation.from_rotvec(turns[number]).as_matrix() @ sensor.axes)
         inside = (seen @ sensor.axes[2] > 0.3) & (seen[:, 2] > _HORIZON)
         xy_px = sensor.pixels(seen[inside]) + true.principal_point_px
+        xy_px[:, 0] += true.wider_columns * (xy_px[:, 0] - (true.size_px - 1) / 2)
         dimmed = sum(much for since, until, much in true.clouds if since <= at_s < until)
         faintness = magnitudes[inside] + dimmed + rng.normal(0, _MAGNITUDE_NOISE, int(inside.sum()))
         shown = ((xy_px > -0.5) & (xy_px < true.size_px - 0.5)).all(axis=1)

@@ -219,7 +219,7 @@ def test_the_variance_of_a_residual_grows_as_those_of_one_star_add_up(rest, star
 
 
 def test_the_variance_of_pulls_is_that_of_the_parameter_at_which_single_stars_pull_most():
-    """Ten stars of two rows: pulls of 2 and 6 at the one, of 2 and 0 at the other; eight parameters of ten are lost."""
+    """Ten stars of two rows: pulls of 2 and 6 at the one, of 2 and 0 at the other; nine parameters of ten are lost."""
     left = np.zeros((20, 2, 2))
     left[:, 0, 0] = 1.0
     left[:, 1, 1] = [1.0, -1.0] * 10
@@ -227,7 +227,7 @@ def test_the_variance_of_pulls_is_that_of_the_parameter_at_which_single_stars_pu
     rest[:, 1] *= [1.0, -1.0] * 10
     star = np.arange(20) // 2
     normal = np.diag([20.0, 20.0])
-    assert _variance_of_pulls(left, rest, star, normal) == pytest.approx(5 * (2**2 + 6**2) / 20 * 10 / 2)
+    assert _variance_of_pulls(left, rest, star, normal) == pytest.approx(5 * (2**2 + 6**2) / 20 * 10)
     few = _variance_of_pulls(left[:4], rest[:4], star[:4], normal)
     assert few == pytest.approx(2 * 2**2 / 20 * 2)
 

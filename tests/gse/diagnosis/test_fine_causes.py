@@ -276,13 +276,13 @@ def test_a_cause_is_hopeless_whose_first_coefficient_lies_three_sigmas_outside_o
     ("named", "beside"),
     [
         ([], set()),
-        (["clock offset"], {"clock offset", "mount", "site"}),
-        (["site"], {"clock offset", "mount", "site"}),
+        (["clock offset"], {"clock offset", "mount", "site", "pixel origin"}),
+        (["site"], {"clock offset", "mount", "site", "pixel origin"}),
         (["mount moves"], {"clock drift", "mount moves"}),
-        (["refraction"], {"focal length", "distortion", "refraction"}),
+        (["refraction"], {"focal length", "distortion", "refraction", "pixel pitch"}),
         (["principal point"], set()),
         (["clock step", "thermal sinusoid"], set()),
-        (["mount", "clock drift"], {"clock offset", "mount", "site", "clock drift", "mount moves"}),
+        (["mount", "clock drift"], {"clock offset", "mount", "site", "pixel origin", "clock drift", "mount moves"}),
     ],
 )
 def test_a_constant_error_a_drift_and_a_pattern_of_the_field_have_one_cause_each(named, beside):

@@ -31,12 +31,12 @@ FIELD_ROWS = np.arange(0, COUNT + 4, 4)
 SHIFTS = np.random.default_rng(3).normal(size=(len(FIELD_ROWS), 3, len(PARAMETERS)))
 
 
-def model_of(*, site=SITE, is_fitted=False, has_field=True):
+def model_of(*, site=SITE, is_fitted=False, has_field=True, pixel_arcsec=(0.0, 0.0)):
     """In the coordinates of the errors themselves, which are none."""
     series = ErrorSeries(np.arange(COUNT), TIME_S, np.zeros((COUNT, 3)))
     none = np.zeros(0)
     field = FieldOfErrors(none, none, 1.0, none, none, FIELD_ROWS, SHIFTS, None, none, 0.01) if has_field else None
-    return SessionModel(series, field, site, MOUNT, is_fitted, np.eye(3))
+    return SessionModel(series, field, site, MOUNT, is_fitted, np.eye(3), pixel_arcsec)
 
 
 def turned(axis, arcsec):
@@ -110,7 +110,7 @@ def test_causes_of_the_field_have_the_parameters_that_they_change_and_what_these
         ("principal point", "principal point", ["principal point x", "principal point y"]),
         ("refraction", "refraction", ["pressure"]),
     ]
-    found = list(causes_of_field(model_of()))
+    found = [one for one in causes_of_field(model_of()) if one.cause != "pixel pitch"]
     assert [(one.cause, one.kind) for one in found] == [(cause, kind) for cause, kind, _ in expected]
     for one, (_, _, names) in zip(found, expected, strict=True):
         places = [PARAMETERS.index(name) for name in names]
@@ -127,10 +127,45 @@ def test_causes_of_the_field_have_the_parameters_that_they_change_and_what_these
         assert one.searched == 1
 
 
+@pytest.mark.parametrize(("kind", "way"), [("columns", 1.0), ("rows", -1.0)])
+def test_the_scale_of_one_axis_is_half_a_focal_length_and_half_a_pitch(kind, way):
+    (one,) = (one for one in causes_of_field(model_of()) if (one.cause, one.kind) == ("pixel pitch", kind))
+    focal, pitch = PARAMETERS.index("focal length"), PARAMETERS.index("pixel pitch")
+    expected = np.zeros(len(PARAMETERS))
+    expected[[focal, pitch]] = -0.5, way
+    assert one.columns.field[:, 0].tolist() == expected.tolist()
+    of_parts = [
+        [np.interp(np.arange(COUNT), FIELD_ROWS, SHIFTS[:, axis, place]) for axis in range(3)]
+        for place in (focal, pitch)
+    ]
+    course = (-0.5 * np.array(of_parts[0]) + way * np.array(of_parts[1])).T
+    assert one.columns.mean[:, 0] == pytest.approx(course.mean(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "is_allowed"),
+    [(1.0, 0.02, True), (-0.5, 0.02, True), (0.93, 0.02, True), (0.85, 0.02, False), (0.0, 0.02, False),
+     (1.0, 0.11, False), (2.0, 0.02, False)],
+)  # fmt: skip
+def test_an_origin_of_the_pixels_is_a_whole_or_half_of_one_and_known_to_a_tenth(value, error, is_allowed):
+    (one,) = (one for one in constant_causes(model_of(pixel_arcsec=(50.0, 50.0))) if one.cause == "pixel origin")
+    assert one.columns.mean[:, 0] == pytest.approx([50.0, 50.0, 0.0])
+    assert one.allows(value, error) is is_allowed
+
+
+def test_without_a_camera_there_is_no_origin_of_its_pixels():
+    assert "pixel origin" not in {one.cause for one in constant_causes(model_of())}
+
+
+@pytest.mark.parametrize(("ppm", "is_allowed"), [(9_999.0, True), (-10_100.0, False), (998_629_346.0, False)])
+def test_no_clock_runs_fast_by_more_than_a_hundredth(ppm, is_allowed):
+    assert next(drifts(model_of())).allows(ppm, 10.0) is is_allowed
+
+
 def test_without_stars_over_the_field_nothing_is_tried_of_it_and_on_a_fitted_mount_no_air():
     assert list(causes_of_field(model_of(has_field=False))) == []
     assert [one.cause for one in causes_of_field(model_of(is_fitted=True))] == [
-        "focal length", *["distortion"] * 3, "principal point",
+        "focal length", *["distortion"] * 3, "principal point", *["pixel pitch"] * 2,
     ]  # fmt: skip
 
 
@@ -145,7 +180,8 @@ def test_without_stars_over_the_field_nothing_is_tried_of_it_and_on_a_fitted_mou
 def test_air_is_between_none_and_the_densest_on_record(air, least_hpa, most_hpa):
     *camera, of_air = causes_of_field(model_of(site=replace(SITE, **air)))
     assert of_air.bounds == pytest.approx((least_hpa, most_hpa), abs=1e-3)
-    assert {(one.bounds, one.known) for one in camera} == {((-math.inf, math.inf), 0.0)}
+    assert {one.known for one in camera} == {0.0}
+    assert {one.bounds for one in camera} == {(-math.inf, math.inf), (-0.25, 0.25)}
 
 
 @pytest.mark.parametrize(

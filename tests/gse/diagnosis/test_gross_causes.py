@@ -171,6 +171,42 @@ def test_a_mount_that_is_driven_with_the_sky_is_named():
     assert cause.finding.is_gross
 
 
+@pytest.mark.parametrize(
+    ("thousands", "words"), [(1, "1,000 times as fast"), (2, "1,000,000 times as fast"), (-1, "slowly")]
+)
+def test_a_sky_that_turns_a_thousand_times_too_fast_is_told_by_another_unit_of_the_tags(thousands, words):
+    raw = attitudes(MUNICH, MOUNT, frames=9)
+    squeezed_ns = raw.utc_ns[0] + np.round((raw.utc_ns - raw.utc_ns[0]) / 1000.0**thousands).astype(np.int64)
+    finding = gross_cause(replace(raw, utc_ns=squeezed_ns), MUNICH, MOUNT, TABLE).finding
+    assert finding.cause == "time tags in another unit"
+    assert words in finding.size
+
+
+def switched(*elsewhere, frames=9):
+    """Answers of which some show the sky 20 deg aside."""
+    raw, other = (attitudes(MUNICH, replace(MOUNT, azimuth_deg=azimuth), frames=frames) for azimuth in (130.0, 150.0))
+    rotations = raw.icrs_to_sensor.copy()
+    rotations[list(elsewhere)] = other.icrs_to_sensor[list(elsewhere)]
+    return gross_cause(replace(raw, icrs_to_sensor=rotations), MUNICH, MOUNT, TABLE)
+
+
+@pytest.mark.parametrize("elsewhere", [(1, 3, 5, 7), (0, 1, 4, 5, 8), (2, 5, 6)])
+def test_two_pointings_that_alternate_are_no_mount_that_follows_the_sky(elsewhere):
+    finding = switched(*elsewhere).finding
+    assert finding.cause == "two pointings"
+    assert "20.00 deg apart" in finding.size
+
+
+def test_a_mount_that_was_moved_once_is_told_with_the_time():
+    finding = switched(5, 6, 7, 8).finding
+    assert finding.cause == "slip of the mount"
+    assert finding.size.startswith("before ")
+
+
+def test_a_single_answer_elsewhere_is_a_false_one():
+    assert switched(4) is None
+
+
 def test_an_error_of_a_fifth_of_a_degree_is_not_gross():
     assert found(MUNICH, MOUNT, true_mount=replace(MOUNT, altitude_deg=60.2)) is None
 

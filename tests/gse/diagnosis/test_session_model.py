@@ -101,8 +101,8 @@ def test_columns_are_the_mean_of_a_course_and_its_cosines_in_the_coordinates_of_
         turned = course @ model.decorrelate.T
         assert found.mean[:, place] == pytest.approx(turned.mean(axis=0))
         assert found.cosines[:, :, place] == pytest.approx(scipy.fft.dct(turned, axis=0, norm="ortho")[1:21], abs=1e-9)
-    assert found.field.tolist() == [[0.0, 0.0]] * 8
-    shown = np.eye(8)[:, :2]
+    assert found.field.tolist() == [[0.0, 0.0]] * len(PARAMETERS)
+    shown = np.eye(len(PARAMETERS))[:, :2]
     assert model.columns(*courses, field=shown).field is shown
 
 
@@ -119,8 +119,8 @@ def test_errors_are_observed_with_their_mean_and_what_models_of_air_and_stars_le
     assert found.cosines == pytest.approx(scipy.fft.dct(turned, axis=0, norm="ortho")[1:21], abs=1e-9)
     back = np.linalg.inv(model.decorrelate)
     assert back @ found.lasting @ back.T == pytest.approx(np.diag([0.09, 0.09, 1.0]), abs=1e-9)
-    assert found.normal.tolist() == np.eye(8).tolist()
-    assert found.right.tolist() == [0.0] * 8
+    assert found.normal.tolist() == np.eye(len(PARAMETERS)).tolist()
+    assert found.right.tolist() == [0.0] * len(PARAMETERS)
     assert found.freedom == 0.0
     assert model.stars_freedom == 1.0
 

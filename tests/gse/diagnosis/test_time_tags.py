@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from skies.known_nights import session
 
-from gse.diagnosis.plain_findings import _off, often_stand_still, time_tag_faults
+from gse.diagnosis.plain_findings import _off, often_stand_still, time_tag_faults, wrapped_tags
 from gse.station.columns import FRAME
 from gse.station.events import ClockStep, StationKind
 from gse.values.instant import NS_PER_S, from_text
@@ -234,3 +235,28 @@ def test_frames_that_the_host_reads_faster_than_twice_as_fast_as_usual_tell_no_r
     made["host_utc_ns"][1:] = START_NS + np.round(np.cumsum(steps_s) * NS_PER_S).astype(np.int64)
     made["time_us"][1:] = 1_000_000 + np.round(np.cumsum(steps_s * np.repeat([1.0, 1.2], [80, 40])) * 1e6).astype(int)
     assert faults(made) == ("sensor time tag: it ran 20 % fast from 2026-03-20T18:31:20.0Z",) * is_told
+
+
+@pytest.mark.parametrize("held_frames", [2, 5, 10])
+@pytest.mark.parametrize("held_s", [0.0, 0.002])
+def test_frames_that_are_read_in_groups_are_no_fault_of_the_tags(held_frames, held_s):
+    """An adapter keeps them until the last of a group has come, and hands them over one after the other."""
+    made = frames(400, 0.02)
+    group = np.arange(400) // held_frames
+    together_ns = made["host_utc_ns"][np.minimum((group + 1) * held_frames - 1, 399)]
+    made["host_utc_ns"] = together_ns + np.round(np.arange(400) % held_frames * held_s * NS_PER_S).astype(np.int64)
+    assert faults(made) == ()
+
+
+@pytest.mark.parametrize(
+    ("bits", "unit_us", "words"),
+    [(16, 1000, "16 bits of 1 ms"), (32, 1, "32 bits of 1 us"), (24, 10, "24 bits of 10 us")],
+)
+def test_tags_that_begin_anew_when_their_counter_is_full_are_no_restart(bits, unit_us, words):
+    made = session(200, step_s=1.0)
+    full_us = 2**bits * unit_us
+    made.frames.columns["time_us"] = (full_us - 50_500_000 + np.arange(200) * 1_000_000) % full_us
+    (finding,) = wrapped_tags(made)
+    assert finding.size.endswith(f"after {full_us / 1e6:.6g} s: it counts {words}")
+    made.frames.columns["time_us"] = np.arange(200) % 90 * 1_000_000  # a restart
+    assert list(wrapped_tags(made)) == []

@@ -61,6 +61,34 @@ def test_it_is_the_sensors_where_everything_is_vouched_for(change):
     assert not any(reason.startswith("set-up") for reason in judged.reasons)
 
 
+@pytest.mark.parametrize(
+    ("true", "cause", "words"),
+    [
+        ({"principal_point_px": (1.0, 1.0)}, "pixel origin", "the sensor counts pixels from 1"),
+        ({"principal_point_px": (-0.5, -0.5)}, "pixel origin", "from the corner of the first one"),
+        ({"wider_columns": 0.002}, "pixel pitch", "columns lie 0."),
+        ({"clock_s": 365 * 86_400.0}, "date off by a year", "365 days ahead of UTC"),
+        ({"clock_s": -366 * 86_400.0}, "date off by a year", "366 days behind UTC"),
+    ],
+)
+def test_a_mistake_that_looks_like_a_turned_mount_is_named_by_what_it_is(true, cause, words):
+    finding = judge(session(WORLD, replace(WORLD, **true), SHORT)).findings[0]
+    assert finding.cause == cause
+    assert words in finding.size
+
+
+@pytest.mark.parametrize("off_px", [(1.0, -1.0), (0.75, 0.75)])
+def test_a_pixel_along_one_axis_alone_or_a_part_of_one_is_no_origin(off_px):
+    found = judge(session(WORLD, replace(WORLD, principal_point_px=off_px), SHORT)).findings
+    assert "pixel origin" not in {finding.cause for finding in found}
+
+
+def test_a_longitude_is_named_before_the_clock_where_only_that_is_vouched_for():
+    judged = judge(session(WORLD, turned_by({"longitude_deg": 12.6}), SHORT))
+    assert judged.reasons[0].startswith("set-up: longitude: the stars fit site.longitude_deg: 12.6")
+    assert "clock offset" in judged.findings[0].equals[0]
+
+
 def test_an_exact_hit_of_a_mistake_is_named_though_everything_is_vouched_for():
     judged = judge(session(replace(WORLD, vouched=True), replace(WORLD, azimuth_deg=310.0), SHORT))
     assert judged.verdict is Verdict.INCONCLUSIVE
