@@ -52,8 +52,8 @@ class ClockHealth:
         """Whose bound is in force; empty where nobody's is."""
         if not math.isfinite(self.error_bound_s):
             return ""
-        by = "--clock-error" if self.stated else f"the host's {self.source}"
-        return f"{by} ({self.error_bound_s:.2g} s)"
+        bound = f"{self.error_bound_s:.2g} s"
+        return f"--clock-error ({bound})" if self.stated else f"the host's clock ({self.source}, {bound})"
 
 
 def clock_health(

@@ -1,5 +1,6 @@
 """The verdict on sessions made of numbers whose answer is known."""
 
+import itertools
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ from gse.config.station import BUILT_IN_TEXT, DocumentedTest
 from gse.diagnosis.sensor_findings import by_each_idea
 from gse.errors import UsageError
 from gse.station.attitude_table import AttitudeTable
-from gse.station.columns import SKY_CONDITIONS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
 from gse.station.events import StationKind
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.own_answers import own_truth, sensor_answers
@@ -430,6 +431,53 @@ def test_a_sensor_that_answers_too_late_fails_by_the_time_that_it_states():
     assessment = judge(with_own_answers(session(600), latency_s=0.35))
     assert outcomes(assessment, Subject.SENSOR)["processing time as it states, 99 %"] is Outcome.FAIL
     assert assessment.verdict is Verdict.FAIL
+
+
+# More or greater errors never make the word milder
+
+MILDNESS = [Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS]
+
+
+def never_milder(words):
+    places = [MILDNESS.index(word) for word in words]
+    return all(later <= earlier for earlier, later in itertools.pairwise(places))
+
+
+@pytest.mark.parametrize("station", [STATION, VOUCHED], ids=["nobody vouches", "vouched for"])
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.7, 0.7, 0.0), (0.0, 0.0, 10.0)])
+def test_the_greater_a_turn_that_everything_shares_the_less_mild_is_the_word(station, direction):
+    sizes = 0.0, 30.0, 62.0, 150.0, 1000.0, 1080.0, 4000.0, 40_000.0
+    words = [judge(session(600, bias=tuple(size * np.array(direction)), station=station)).verdict for size in sizes]
+    assert words[0] is Verdict.PASS
+    assert never_milder(words)
+    assert words[-1] is (Verdict.INCONCLUSIVE if station is STATION else Verdict.FAIL)
+
+
+def test_the_more_frames_an_identifier_leaves_without_an_answer_the_less_mild_is_the_word():
+    external = replace(STATION.identifier, algorithm="external", command=("./onboard",))
+    words = []
+    for silent in (0, 1, 30, 200, 599, 600):
+        made = session(600, station=STATION.model_copy(update={"identifier": external}))
+        frames = made.frames.columns
+        frames["objects"] = 20
+        frames["status"][:silent] = STATUSES.index(Status.NO_MATCH)
+        frames["answer_check"][:silent] = ANSWER_CHECKS.index(AnswerCheck.ABSENT)
+        words.append(judge(made).verdict)
+    assert never_milder(words)
+    assert words[-1] is Verdict.FAIL
+
+
+def test_the_more_answers_no_convention_explains_the_less_mild_is_the_word():
+    words = []
+    for wrong in (0, 1, 20, 21, 100, 250):
+        made = with_own_answers(session(400))
+        answers = made.sensor_attitudes.columns
+        answers["ra_deg"] /= 15
+        answers["de_deg"][:wrong] += 0.5
+        words.append(judge(made).verdict)
+    assert never_milder(words)
+    assert words[0] is Verdict.INCONCLUSIVE
+    assert words[-1] is Verdict.FAIL
 
 
 # What a fitted mount, a mock port and the operator change

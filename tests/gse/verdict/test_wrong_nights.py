@@ -48,7 +48,7 @@ def test_a_turned_sky_is_the_set_ups_at_every_size_and_sign_where_nobody_vouches
     judged = judge(session(WORLD, turned_by(change), SHORT))
     assert judged.verdict is Verdict.INCONCLUSIVE
     assert judged.reasons[0].startswith("set-up: ")
-    assert "clock vouched for by the host's kernel PLL (0.01 s)" in judged.reasons[0]
+    assert "clock vouched for by the host's clock (kernel PLL, 0.01 s)" in judged.reasons[0]
     assert "nobody vouches for mount and site" in judged.reasons[0]
 
 
