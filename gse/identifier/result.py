@@ -80,6 +80,11 @@ class ObjectColumns:
             (self.directions_sensor[rows], self.brightness[rows]) for rows in map(self.parts.rows, range(len(self)))
         )
 
+    def part(self, begin: int, end: int) -> Self:
+        """The panoramas from ``begin`` to before ``end``."""
+        parts, rows = self.parts.part(begin, end)
+        return type(self)(self.directions_sensor[rows], self.brightness[rows], parts)
+
     def chosen(self, wanted: NDArray[np.bool_]) -> Self:
         """Those of the panoramas that are wanted (K,)."""
         parts, rows = self.parts.chosen(wanted)
@@ -111,6 +116,21 @@ class Answers:
             np.concatenate([nothing, *(answer.stars for answer in found)]),
             np.array([getattr(answer, "false_match_probability", np.nan) for answer in answers], dtype=np.float64),
             {k: answer for k, answer in enumerate(answers) if isinstance(answer, Unidentified)},
+        )
+
+    @classmethod
+    def joined(cls, some: Sequence[Self]) -> Self:
+        """The answers to panoramas of which each of ``some`` has a part, in their order."""
+        if len(some) == 1:
+            return some[0]
+        before = np.cumsum([0, *(len(answers) for answers in some)]).tolist()
+        nothing = np.zeros(0, dtype=np.int64)
+        return cls(
+            Parts.of_counts(np.concatenate([nothing, *(answers.parts.counts for answers in some)])),
+            np.concatenate([nothing, *(answers.objects for answers in some)]),
+            np.concatenate([nothing, *(answers.stars for answers in some)]),
+            np.concatenate([np.zeros(0), *(answers.false_match_probability for answers in some)]),
+            {first + k: no for first, one in zip(before, some, strict=False) for k, no in one.unidentified.items()},
         )
 
     @classmethod

@@ -122,6 +122,29 @@ def _fit(columns: Columns, pair_stars: int, stars: int) -> bool:
     )
 
 
+def part_of_sky(tables: SkyTables, near: NDArray[np.bool_]) -> SkyTables:
+    """The tables of some of the stars (S,), whose rows count anew."""
+    row_of = np.cumsum(near, dtype=np.int64) - 1
+    kept = near[tables.pairs[:, 0]] & near[tables.pairs[:, 1]]
+    pairs = tables.pairs[kept]
+    pairs[:, :2] = row_of[pairs[:, :2]]
+    in_cells = near[tables.cell_stars]
+    return tables._replace(
+        icrs=np.ascontiguousarray(tables.icrs[near]),
+        magnitude=np.ascontiguousarray(tables.magnitude[near]),
+        pairs=pairs,
+        pair_start=_count_before(kept)[tables.pair_start],
+        cell_start=_count_before(in_cells)[tables.cell_start],
+        cell_stars=row_of[tables.cell_stars[in_cells]].astype(np.int32),
+        pair_stars=int(np.count_nonzero(near[: tables.pair_stars])),
+    )
+
+
+def _count_before(kept: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """How many of some rows (N,) are kept before each, and of all: (N + 1,)."""
+    return np.concatenate([[0], np.cumsum(kept)]).astype(np.int32)
+
+
 def field_radius_rad(field: NDArray[np.float64]) -> float:
     """Greatest angle from the boresight in a field as ``SkyTables`` describes it."""
     left, right, top, bottom, radius2, _ = field

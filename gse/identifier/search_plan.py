@@ -170,6 +170,22 @@ def search_plan(
     return np.array(passes)
 
 
+_FEWEST_HYPOTHESES = 2
+
+
+def plan_of_part(plan: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """The passes over a part of the sky that holds this share of its stars.
+
+    That share of the bright stars is there. Of the best hypotheses twice the share is kept, two at least.
+    """
+    stars, kept = (SearchPass._fields.index(name) for name in ("stars_per_object", "hypotheses"))
+    part = plan.copy()
+    part[:, stars] *= share
+    part[:, kept] = np.maximum(np.ceil(2 * share * plan[:, kept]), np.minimum(plan[:, kept], _FEWEST_HYPOTHESES))
+    part[:, kept] = np.minimum(part[:, kept], plan[:, kept])
+    return part
+
+
 @compiled_part
 def search_pass(row: NDArray[np.float64]) -> SearchPass:
     """The pass of one row of a plan: a plan goes to the compiled search as an array, which is quicker to hand over."""

@@ -22,6 +22,7 @@ from gse.station.identified import Compared, Identified
 from gse.station.non_stellar import NonStellarObjects, Others
 from gse.station.results import ERRORS, AnswerCheck, Matches, Starlight, Status
 from gse.station.starlight import rows_of, starlights
+from gse.station.thinned_search import ThinnedSearch
 from gse.station.unnamed_stars import LeftOutStars, SolvedFrames
 from gse.truth import SiderealTruth
 from gse.values.attitude import Attitude, Attitudes, paper_mean, solve_attitude, solve_attitudes
@@ -192,6 +193,8 @@ _UNKNOWN, _CORRECT, _FALSE, _ABSENT = (
 class FrameProcessor:
     """Processes panoramas with camera, identifier under test, reference identifier, and sidereal truth for a mount.
 
+    ``search`` is that of the robust identifier, the reference or under test, through a session; without it each
+    panorama stands for itself.
     ``truth`` is None without an Earth orientation for the date, ``mount`` is None until it is fitted: then results have
     no attitude error. ``paper_mean`` takes the boresight of the LAPAN paper instead of Wahba's.
     """
@@ -206,22 +209,31 @@ class FrameProcessor:
     paper_mean: bool = False
     left_out: LeftOutStars | None = None
     false_arcsec: float = Limits().false_beyond_arcsec
+    search: ThinnedSearch | None = None
 
     def identify(self, panoramas: Panoramas) -> Identified:
-        """The part that depends on each panorama alone."""
+        """The part that depends on the panoramas alone; they must come in their order where the search is thinned."""
         started_ns = time.thread_time_ns()  # a busy host's scheduler is no fault of the identifier
         faults = self._faults(panoramas)
         sound = np.ones(len(panoramas), dtype=np.bool_)
         sound[list(faults)] = False
         objects = ObjectColumns(self._directions(panoramas, sound), panoramas.brightness, panoramas.parts)
+        stretches: list[tuple[int, str]] = []
         if isinstance(self.identifier, ExternalIdentifier):
             answers, attitudes, elapsed_us, given = external_answers_of(self.identifier, panoramas, faults)
         else:
-            answers, given = answered(objects, faults, self.identifier.identify_many), {}
-            attitudes = self._attitudes_of(answers, objects)
+            if self.reference is None and self.search is not None:
+                answers, stretches = self._searched(self.search, panoramas, objects, faults, np.zeros_like(sound))
+            else:
+                answers = answered(objects, faults, self.identifier.identify_many)
+            given, attitudes = {}, self._attitudes_of(answers, objects)
             took_us = (time.thread_time_ns() - started_ns) / 1000
             elapsed_us = np.where(sound, round(took_us / max(len(panoramas) - len(faults), 1), 1), np.nan)
-        true_stars = answered(objects, faults, self.reference.identify_many) if self.reference else None
+        true_stars = None
+        if self.reference is not None and self.search is not None:
+            true_stars, stretches = self._searched(self.search, panoramas, objects, faults, answers.named)
+        elif self.reference is not None:
+            true_stars = answered(objects, faults, self.reference.identify_many)
         checks, separation_rad, reference_icrs = self._checks(answers, attitudes, objects, true_stars)
         return Identified(
             objects.directions_sensor,
@@ -234,7 +246,27 @@ class FrameProcessor:
             self._light(objects, answers, true_stars),
             elapsed_us,
             given,
+            stretches,
         )
+
+    @staticmethod
+    def _searched(
+        session_search: ThinnedSearch,
+        panoramas: Panoramas,
+        objects: ObjectColumns,
+        faults: Mapping[int, Unidentified],
+        answered_already: NDArray[np.bool_],
+    ) -> tuple[Answers, list[tuple[int, str]]]:
+        """The answers of the robust identifier to K panoramas, and the stretches without stars that they end."""
+        places = np.setdiff1d(np.arange(len(panoramas)), list(faults))
+        stretches: list[tuple[int, str]] = []
+
+        def search(some: ObjectColumns) -> Answers:
+            answers, ended = session_search.identify_many(some, panoramas.utc_ns[places], answered_already[places])
+            stretches.extend((int(places[k]), words) for k, words in ended)
+            return answers
+
+        return answered(objects, faults, search), stretches
 
     def conclude(self, panoramas: Panoramas, identified: Identified, elapsed_us: NDArray[np.float64]) -> FrameResults:
         """Correct, compare with truth, and classify non-stellar objects; panoramas must come in their order.

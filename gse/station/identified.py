@@ -1,6 +1,6 @@
 """What follows from panoramas: first from them alone, then with truth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,7 +21,8 @@ class Identified:
     together, the mean), or what an external identifier took; NaN where nothing was asked. ``given`` is what an
     external identifier gave, ``light`` what the named stars show of the sky. ``reference_icrs`` (K, 3) is the
     boresight by the reference identifier, ``separation_rad`` (K,) how far that of an answer lies from it; NaN where
-    one of them is missing, and infinite where the stars of the answer are others.
+    one of them is missing, and infinite where the stars of the answer are others. ``stretches`` without
+    stars that ended are told in words, each with the panorama that ended it.
     """
 
     directions_sensor: NDArray[np.float64]
@@ -34,6 +35,7 @@ class Identified:
     light: Starlight
     elapsed_us: NDArray[np.float64]
     given: Mapping[int, Given] = field(default_factory=dict)
+    stretches: Sequence[tuple[int, str]] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

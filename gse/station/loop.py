@@ -14,9 +14,10 @@ One turn of the loop (``take``) has three stages:
    first the silence before an event, then the event, then its consequence. A replay, which never waits, and a live
    session, which does, therefore give their events in the same order. STATUS and ATTITUDE messages are kept with the
    host time of their bytes and go no further.
-2. *Identify.* Identification depends on one panorama alone, so panoramas that follow each other are identified
-   together, as columns, at most MOST_AT_ONCE. The answers are those of one by one. A replay may give this stage to
-   another thread (``ahead``), which works on what came while the loop concludes what came before, and receives more.
+2. *Identify.* Panoramas that follow each other are identified together, as columns, at most MOST_AT_ONCE. The answers
+   are those of one by one: each depends on its panorama, and the search for its stars on how many before had none
+   (``ThinnedSearch``). A replay may give this stage to another thread (``ahead``), which takes the parts in their
+   order, and works on what came while the loop concludes what came before, and receives more.
 3. *Conclude.* Answers are corrected, compared with sidereal truth and kept, as columns too; what this stage remembers,
    the non-stellar objects seen before, it meets in their order. Then the listeners see the results. Events between two
    panoramas come out between their results. While the mount is not fitted yet, stages 2 and 3 take one at a time.
@@ -62,6 +63,7 @@ from drivers.mock.playback import cut
 from gse.errors import TruthError
 from gse.external.answers import Failure, FailureKind
 from gse.identifier import Reason
+from gse.identifier.robust import RobustIdentifier
 from gse.recording.session_format import RecordedTimings
 from gse.station.byte_stream import FrameAt
 from gse.station.camera_watch import CameraWatch
@@ -78,6 +80,7 @@ from gse.station.results import OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_condition import SkyWatch
+from gse.station.thinned_search import ThinnedSearch
 from gse.station.unnamed_stars import LeftOutStars
 from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
@@ -278,6 +281,9 @@ class StationLoop:
         align_s = station.mount.align_s
         self._first_seconds = FirstSeconds(align_s, self.session) if align_s is not None else None
         mount = station.mount if align_s is None else None
+        robust = setup.reference or setup.identifier
+        search = ThinnedSearch(robust, station.site, mount) if isinstance(robust, RobustIdentifier) else None
+        self._search = search
         self._frame_processor = FrameProcessor(
             camera=setup.camera,
             index_max=station.sensor.index_max,
@@ -289,6 +295,7 @@ class StationLoop:
             paper_mean=station.identifier.attitude == "paper-mean",
             left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
             false_arcsec=station.limits.false_beyond_arcsec,
+            search=search,
         )
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude, station.sensor.camera())
         baudrate = station.port.baudrate
@@ -393,6 +400,9 @@ class StationLoop:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self.reception.receive(self.reception.stream.finish()))
         results += self._conclude_but(0)
+        if self._search is not None and (words := self._search.finish()):
+            last_utc_ns = int(self.session.frames.columns["utc_ns"][-1])
+            self.on_event(LinkEvent(last_utc_ns, 0, StationKind.SEARCH_THINNED, words))
         self._log_all(self._result_events.finish(self.session))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.stream.raw_sha256
@@ -463,7 +473,7 @@ class StationLoop:
             identified = step.identified()
             elapsed_us = self._elapsed_us(step.panoramas, identified)
             results = self._frame_processor.conclude(step.panoramas, identified, elapsed_us)
-            self._store(results)
+            self._store(results, identified.stretches)
             yield results
 
     def _placed(self, item: News) -> News | None:
@@ -498,14 +508,16 @@ class StationLoop:
         if self._first_seconds is not None:
             self._align(self._first_seconds, utc_ns)
 
-    def _store(self, results: FrameResults) -> None:
+    def _store(self, results: FrameResults, stretches: Sequence[tuple[int, str]] = ()) -> None:
         """Store results; the listeners see them in their order, with the events that they bring between them."""
         first, shown = len(self.session.frames), 0
         self.session.frames.extend(results.rows, results.match_rows(), results.other_rows())
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             for result in results:
                 self._first_seconds.add(result, self._frame_processor.truth)
-        for k, event in self._result_events.brought_by(results, self.session, first):
+        ended = [(k, _event(results, k, StationKind.SEARCH_THINNED, words)) for k, words in stretches]
+        events = ended + self._result_events.brought_by(results, self.session, first)
+        for k, event in sorted(events, key=itemgetter(0)):
             self._show(results, shown, k)
             self.on_event(event)
             shown = k
