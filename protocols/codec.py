@@ -378,6 +378,7 @@ class PanoramaCodec(MessageCodec):
             xy_px=xy_px,
             index=index,
             problems=[tuple(found) for found in problems],
+            processing_s=values.get("processing_s"),
         )
 
     def _values_of(self, rows: NDArray[Any]) -> tuple[dict[str, list[Any]], list[list[str]]]:

@@ -4,10 +4,11 @@ What a description means (dtypes, offsets, standard names) is checked by protoco
 reference of the keys.
 """
 
+from datetime import date, datetime
 from fractions import Fraction
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, model_validator
 
 MAX_LENGTH_LIMIT = 65535
 """Payload bytes: what a 16-bit length can say; a decoder holds at most one such frame."""
@@ -169,6 +170,41 @@ class AddressesDescription(DescriptionPart):
     host: Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
 
 
+class DelayDescription(DescriptionPart):
+    """From the end of an exposure to the first byte of its frame: how long, how well known, or how long at most."""
+
+    value: Annotated[float, Field(ge=0, le=60_000)] | None = None
+    uncertainty: Annotated[float, Field(ge=0, le=60_000)] | None = None
+    most: Annotated[float, Field(gt=0, le=60_000)] | None = None
+
+    @model_validator(mode="after")
+    def _value_or_most(self) -> "DelayDescription":
+        if (self.value is None) is (self.most is None) or (self.value is None) is not (self.uncertainty is None):
+            raise ValueError("expected {value: .., uncertainty: ..} or {most: ..}, in ms")
+        return self
+
+
+class TimeDescription(DescriptionPart):
+    """What the time tag of an exposure tells, in which scale; times are in ms, uncertainties half-widths of 95 %."""
+
+    tag_of: Literal["middle", "start", "end", "sent"] = "middle"
+    scale: Literal["counter", "host", "utc", "unix", "gps", "tai"] = "counter"
+    epoch: date | datetime | None = None
+    uncertainty_ms: Annotated[float, Field(ge=0, le=60_000)] = 1.0
+    delay_ms: DelayDescription | None = None
+
+    @model_validator(mode="after")
+    def _epoch_of_an_absolute_scale(self) -> "TimeDescription":
+        if self.epoch is not None and not self.is_absolute:
+            raise ValueError(f"a clock of the scale {self.scale} has no epoch: expected utc, unix, gps or tai")
+        return self
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether the sensor's own clock says when, not only how much later."""
+        return self.scale not in ("counter", "host")
+
+
 class Description(DescriptionPart):
     """A whole protocol description."""
 
@@ -181,6 +217,7 @@ class Description(DescriptionPart):
     checksum: ChecksumDescription
     sequence: SequenceDescription = SequenceDescription()
     addresses: AddressesDescription | None = None
+    time: TimeDescription | None = None
     length_limit: Annotated[int, Field(strict=True, ge=0, le=MAX_LENGTH_LIMIT)] = 1024
     scale: Scale = Fraction(1)
     messages: Annotated[dict[Name, MessageDescription], Field(min_length=1, max_length=MAX_MESSAGES)]

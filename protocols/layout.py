@@ -648,7 +648,9 @@ def _compile_message(
     placed = _placed(message, source, path)
     size = _size(message, source, name)
     fields, dtype = compile_record([p for p in placed if p.field], roles, size, description, source)
-    _check_required(roles, fields, source, (*path, "fields"))
+    has_time = description.time is None or description.time.scale != "host"
+    needed = {name: role for name, role in roles.items() if has_time or name != "time"}
+    _check_required(needed, fields, source, (*path, "fields"))
     _check_time(fields, source, (*path, "fields"))
     if form and form.message is AttitudeMessage:
         _check_direction(fields, source, (*path, "fields"))

@@ -41,8 +41,9 @@ class Message:
 class PanoramaMessage(Message):
     """The objects of one exposure, in the order of the wire (brightest first).
 
-    ``time_us`` is the sensor's clock at mid-exposure; ``xy_px`` (N, 2) is x = column, y = row; ``index`` (N,) the
-    brightness; ``flags`` the status bits by name.
+    ``time_us`` is the sensor's clock, at mid-exposure unless the protocol says otherwise; ``processing_s`` the time
+    from the end of the exposure to the first byte, as the sensor states it; ``xy_px`` (N, 2) is x = column, y = row;
+    ``index`` (N,) the brightness; ``flags`` the status bits by name.
     """
 
     time_us: int
@@ -52,6 +53,7 @@ class PanoramaMessage(Message):
     temperature_c: float
     xy_px: NDArray[np.float64]
     index: NDArray[np.float64]
+    processing_s: float = math.nan
 
     @classmethod
     def empty(cls) -> "PanoramaMessage":
@@ -66,6 +68,7 @@ class PanoramaMessage(Message):
             == (other.time_us, other.frame_no, other.flags, other.problems)
             and _same(self.exposure_s, other.exposure_s)
             and _same(self.temperature_c, other.temperature_c)
+            and _same(self.processing_s, other.processing_s)
             and np.array_equal(self.xy_px, other.xy_px, equal_nan=True)
             and np.array_equal(self.index, other.index, equal_nan=True)
         )
@@ -89,6 +92,7 @@ class PanoramaColumns:
     xy_px: NDArray[np.float64]
     index: NDArray[np.float64]
     problems: Sequence[tuple[str, ...]]
+    processing_s: Sequence[float] | None = None
 
     def __len__(self) -> int:
         return len(self.time_us)
@@ -104,6 +108,7 @@ class PanoramaColumns:
             xy_px=self.xy_px[rows],
             index=self.index[rows],
             problems=self.problems[k],
+            processing_s=math.nan if self.processing_s is None else self.processing_s[k],
         )
 
 

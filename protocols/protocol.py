@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from protocols.codec import MessageCodec, PanoramaCodec
-from protocols.description import Description
+from protocols.description import Description, TimeDescription
 from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
 from protocols.layout import Addresses, FrameLayout, compile_frame, compile_messages, one_way
@@ -95,6 +95,11 @@ class Protocol:
         addresses = Addresses(own.sensor if sensor is None else sensor, own.host if host is None else host)
         found.frame_layout = dataclasses.replace(self.frame_layout, addresses=addresses)
         return found
+
+    @property
+    def time(self) -> TimeDescription:
+        """What its time tags tell; a counter's, at mid-exposure, unless the description says otherwise."""
+        return self.description.time or TimeDescription()
 
     @property
     def sequence_step(self) -> int:

@@ -10,11 +10,15 @@ from pydantic import BaseModel, ValidationError
 
 from protocols.description import (
     ChecksumDescription,
+    CoversDescription,
+    DelayDescription,
     Description,
     FieldDescription,
     FramingDescription,
     MessageDescription,
+    SequenceDescription,
     SlotsDescription,
+    TimeDescription,
 )
 from protocols.errors import DescriptionError
 from protocols.yaml_text import load_document
@@ -124,6 +128,10 @@ _MODEL_OF: dict[str, type[BaseModel]] = {
     "fields": FieldDescription,
     "slots": SlotsDescription,
     "messages": MessageDescription,
+    "sequence": SequenceDescription,
+    "covers": CoversDescription,
+    "time": TimeDescription,
+    "delay_ms": DelayDescription,
 }
 
 

@@ -104,6 +104,7 @@ FORMS: Mapping[str, Form] = {
             **_PARTS_OF_TIME,
             "frame_no": Role("frame_no"),
             "exposure": Role("exposure_s", Kind.NUMBER, _SECONDS),
+            "processing": Role("processing_s", Kind.NUMBER, _SECONDS),
             "status": Role("flags", Kind.BITS),
             "temperature": Role("temperature_c", Kind.NUMBER, _CELSIUS),
             "count": Role("count"),

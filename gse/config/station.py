@@ -32,6 +32,7 @@ from gse.values.limits import Limits
 from gse.values.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
 from gse.values.screen import Screen, ScreenToSensor
 from gse.values.site import Site, SiteUncertainty
+from protocols.description import TimeDescription
 from protocols.yaml_text import load_document
 
 # The ``test:`` block of a station file: what a report states beside its figures.
@@ -171,6 +172,8 @@ class Sensor(_Section):
     start: StartOptions | None = None
     poll: PollOptions | None = None
     """Without one of the two nothing is ever sent."""
+    time: TimeDescription | None = None
+    """What its time tags tell; None: as the protocol description says."""
 
     @model_validator(mode="after")
     def _start_or_poll(self) -> "Sensor":

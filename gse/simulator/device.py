@@ -156,6 +156,7 @@ def firmware_of(
         baudrate=device.port.baudrate,
         own_answers=OwnAnswers(device, scenario, _generators(options)[3], start_ns) if answers else None,
         is_test=is_test,
+        time=device.sensor.time,
     )
 
 

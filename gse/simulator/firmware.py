@@ -19,6 +19,7 @@ from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.scenario import Firmware as Traits
 from gse.simulator.scenario import profile_at
 from gse.values.instant import NS_PER_S
+from gse.values.sensor_time import tag_us_of, to_middle_us
 from protocols import (
     NAME_OF,
     Ack,
@@ -38,6 +39,7 @@ from protocols import (
     StatusMessage,
     Stop,
 )
+from protocols.description import TimeDescription
 
 BITS_PER_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
@@ -89,6 +91,7 @@ class SensorFirmware:
         baudrate: int,
         own_answers: OwnAnswers | None = None,
         is_test: bool = False,
+        time: TimeDescription | None = None,
     ) -> None:
         """``period_s`` is that of the panoramas that come from power-on, None for a sensor that waits for START.
 
@@ -101,6 +104,7 @@ class SensorFirmware:
         self._protocol, self._detector, self._traits, self._random = protocol, detector, traits, random
         self._flags = _sayable_flags(protocol)
         self._own_answers = own_answers
+        self._time = time or protocol.time
         self._first_exposure_s, self._first_period_s = exposure_s, period_s
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
         self._resets_ns = [start_ns + round(second * NS_PER_S) for second in sorted(traits.resets_s)]
@@ -187,15 +191,16 @@ class SensorFirmware:
         seen = self._detector.expose(middle_ns, self._exposure_s, temperature_c)
         flags = seen.flags | ({CLOCK_RESET} if self._clock_was_reset else set())
         self._clock_was_reset = False
-        slots = self._protocol.slots
+        slots, delay_s = self._protocol.slots, self._traits.delay_ms / 1000
         message = PanoramaMessage(
-            time_us=self._clock_us(middle_ns),
+            time_us=self._clock_us(middle_ns) - to_middle_us(self._time, self._exposure_s, delay_s),
             frame_no=number,
             exposure_s=self._exposure_s,
             flags=flags & self._flags,
             temperature_c=temperature_c,
             xy_px=seen.xy_px[:slots],
             index=seen.index[:slots],
+            processing_s=delay_s,
         )
         self._frames_sent += 1
         ready_ns = end_ns + round(self._traits.delay_ms * 1e6)
@@ -310,6 +315,8 @@ class SensorFirmware:
         )
 
     def _clock_us(self, utc_ns: int) -> int:
+        if self._time.is_absolute:
+            return tag_us_of(utc_ns, self._time)
         since_ns = utc_ns - self._power_on_ns
         return (since_ns + round(since_ns * self._traits.clock_drift_ppm * 1e-6)) // 1000
 

@@ -87,9 +87,11 @@ from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from gse.values.mount import InertialDirection
 from gse.values.panorama import Panorama, Panoramas
+from gse.values.sensor_time import time_of
 from gse.values.shown import ShownSky
 from gse.values.site import Site
 from protocols import StatusMessage
+from protocols.description import TimeDescription
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -263,7 +265,9 @@ class StationLoop:
             anchor_utc_ns=anchor_utc_ns,
             asks=(station.sensor.start or poll) is not None,
             timeout_ns=round(poll.timeout_ms * 1e6) if poll else None,
+            time=time_of(station.sensor.time, setup.protocol),
         )
+        self.session.time = time_of(station.sensor.time, setup.protocol)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
         self._truth_source = TruthSource(
@@ -407,6 +411,8 @@ class StationLoop:
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.stream.raw_sha256
         self.session.others_lost = self.reception.others_lost
+        if self.reception.is_unlocked:
+            self.session.time = TimeDescription()  # a clock that was not locked is a counter
         return results
 
     def on_event(self, event: LinkEvent) -> None:

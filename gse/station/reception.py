@@ -49,11 +49,13 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
 from gse.station.byte_stream import ByteStream, FrameAt
+from gse.station.clock_witness import ClockWitness
 from gse.station.events import ClockStep, StationKind
 from gse.station.polling import Polling
 from gse.station.results import LinkCounters, OwnAnswer
 from gse.values.instant import LAST_NS, NS_PER_S, bounded
 from gse.values.panorama import MAX_OBJECTS, Panorama, Panoramas, Parts
+from gse.values.sensor_time import to_middle_us, utc_ns_of
 from protocols import (
     Ack,
     Arrival,
@@ -66,6 +68,7 @@ from protocols import (
     SequenceTracker,
     StatusMessage,
 )
+from protocols.description import TimeDescription
 from protocols.parts import PART
 from protocols.sequence import RECENT
 
@@ -292,6 +295,8 @@ def _step_in_words(step_ns: int, utc_kept: bool) -> str:
 BITS_PER_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
 
+NOT_LOCKED = "clock not locked"
+"""The status bit of an absolute clock that is none at the time."""
 LONGEST_EXPOSURE_S = 3600.0
 HOTTEST_C = 1e6
 """Larger numbers of the sensor are invalid."""
@@ -340,6 +345,7 @@ class Reception:
         anchor_utc_ns: int | None = None,
         asks: bool = False,
         timeout_ns: int | None = None,
+        time: TimeDescription | None = None,
     ) -> None:
         """``asks`` where the station sends commands, ``timeout_ns`` where it polls, after which an answer is late."""
         self.counters = LinkCounters()
@@ -349,6 +355,11 @@ class Reception:
         self._panorama_type = "PANORAMA" if protocol.slots else ""
         self._byte_ns = round(bits_per_byte * NS_PER_S) // baudrate
         self._clock = SensorClock()
+        self._time = time or protocol.time
+        delay = self._time.delay_ms
+        self._delay_s = (delay.value or 0.0) / 1000 if delay else 0.0
+        self._witness = ClockWitness(self._time)
+        self.is_unlocked = False
         self._arrivals = Arrivals(protocol, self.counters, has_times=anchor_utc_ns is None)
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
@@ -386,6 +397,8 @@ class Reception:
     def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> list[LinkEvent]:
         """The events before a panorama, row ``row`` of its block; one that is not a copy is appended to ``made``."""
         time_us, host_utc_ns, mono_ns = columns.time_us[row], bounded(at.utc_ns), bounded(at.mono_ns)
+        if self._time.scale == "host":
+            time_us = bounded(at.utc_ns if self._anchor_utc_ns is None else self._anchor_utc_ns) // 1000
         events = self._steps(at, time_us)
         restarted = "clock reset" in columns.flags[row]
         if self._arrived(at, host_utc_ns, mono_ns, time_us, events, restarted=restarted) is Arrival.DUPLICATE:
@@ -395,12 +408,24 @@ class Reception:
         # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
         exposure_s = columns.exposure_s[row]
         exposure_s = exposure_s if 0 <= exposure_s <= LONGEST_EXPOSURE_S else math.nan
-        utc_ns = bounded(self._utc_of(time_us, exposure_s, host_utc_ns, mono_ns))
+        delay_s = self._delay_s
+        if columns.processing_s is not None and 0 <= columns.processing_s[row] <= LONGEST_EXPOSURE_S:
+            delay_s = columns.processing_s[row]
+        middle_us = time_us + to_middle_us(self._time, exposure_s, delay_s)
+        if self._time.is_absolute and NOT_LOCKED not in columns.flags[row]:
+            utc_ns = bounded(utc_ns_of(middle_us, self._time))
+            if self._anchor_utc_ns is None:
+                left_ns = utc_ns + round((delay_s + (0.0 if math.isnan(exposure_s) else exposure_s / 2)) * NS_PER_S)
+                events += self._witness.saw(host_utc_ns - self._byte_ns - left_ns, host_utc_ns, mono_ns)
+        else:
+            self.is_unlocked |= self._time.is_absolute
+            after_s = exposure_s + 2 * delay_s
+            utc_ns = bounded(self._utc_of(middle_us, after_s, host_utc_ns, mono_ns))
         self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
         objects = int(columns.first[row + 1] - columns.first[row])
         self.counters.objects_beyond += max(objects - MAX_OBJECTS, 0)
-        made.append((row, utc_ns, host_utc_ns, max(at.frame.sequence, 0), exposure_s))
+        made.append((row, utc_ns, host_utc_ns, max(at.frame.sequence, 0), exposure_s, time_us))
         return events
 
     def _other(self, at: FrameAt, message: Message) -> Iterator[News]:
@@ -462,15 +487,20 @@ class Reception:
         Its answer comes later than the exposure by the time that it states for its processing.
         """
         utc_ns = None
-        if not self._panorama_type:
+        if not self._panorama_type and self._time.is_absolute:
+            utc_ns = bounded(utc_ns_of(message.time_us, self._time))
+        elif not self._panorama_type:
             processing_s = message.latency_s if 0 <= message.latency_s <= LONGEST_EXPOSURE_S else 0.0
             utc_ns = bounded(self._utc_of(message.time_us, 2 * processing_s, host_utc_ns, mono_ns))
+        if utc_ns is not None:
             self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
         return OwnAnswer(message, host_utc_ns, utc_ns, max(at.frame.sequence, 0))
 
     def _utc_of(self, time_us: int, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
         """UTC of a time tag that came half of ``exposure_s`` and a byte before its frame was read."""
+        if self._time.scale == "host" and self._anchor_utc_ns is None:
+            return utc_ns - self._byte_ns - (0 if math.isnan(exposure_s) else round(exposure_s * NS_PER_S / 2))
         if self._anchor_utc_ns is None:
             # A panorama whose exposure is out of order is placed where its first byte came.
             half_ns = 0 if math.isnan(exposure_s) else round(exposure_s * NS_PER_S / 2)
@@ -489,13 +519,13 @@ class Reception:
         return latest_ns
 
 
-_Made = tuple[int, int, int, int, float]
-"""A panorama: its row in the block, UTC, host's UTC, sequence number, exposure in s."""
+_Made = tuple[int, int, int, int, float, int]
+"""A panorama: its row in the block, UTC, host's UTC, sequence number, exposure in s, time tag in us."""
 
 
 def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:
     """The panoramas that were made of messages, each with its objects brightest first, equal ones as on the wire."""
-    rows, utc_ns, host_utc_ns, sequence, exposure_s = zip(*made, strict=True)
+    rows, utc_ns, host_utc_ns, sequence, exposure_s, time_us = zip(*made, strict=True)
     counts = np.diff(columns.first)[list(rows)]
     parts = Parts.of_counts(counts)
     wire_rows = np.arange(parts.first[-1]) - np.repeat(parts.first[:-1], counts)
@@ -513,7 +543,7 @@ def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:
         wire_rows[order],
         np.array(utc_ns, dtype=np.int64),
         np.array(host_utc_ns, dtype=np.int64),
-        np.array([columns.time_us[row] for row in rows], dtype=np.int64),
+        np.array(time_us, dtype=np.int64),
         np.array([columns.frame_no[row] for row in rows], dtype=np.int64),
         np.array(sequence, dtype=np.int64),
         np.array(exposure_s, dtype=np.float64),

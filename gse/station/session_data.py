@@ -18,6 +18,7 @@ from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS
 from gse.values.shown import ShownSky
 from protocols import StatusMessage
+from protocols.description import TimeDescription
 
 
 @dataclass(slots=True)
@@ -34,6 +35,7 @@ class SessionData:
     ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
     error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
     ``shown`` is what a screen showed, by its events SHOWN.
+    ``time`` says what the sensor's time tags tell.
     ``external`` is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
     """
 
@@ -60,6 +62,7 @@ class SessionData:
     clock_error_s: float | None = None
     excluded: tuple[Exclusion, ...] = ()
     shown: ShownSky = field(default_factory=ShownSky)
+    time: TimeDescription = field(default_factory=TimeDescription)
     external: dict[str, Any] | None = None
     external_counts: ExternalCounts = field(default_factory=ExternalCounts)
 

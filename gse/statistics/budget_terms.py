@@ -17,6 +17,7 @@ from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EAR
 from gse.values.matrices import eigh, length, product
 from gse.values.mount import InertialDirection, Mount
 from gse.values.site import Site, SiteUncertainty
+from protocols.description import TimeDescription
 
 # The truth of one instant, and by how much a reported error changes when an input of it is another.
 #
@@ -217,7 +218,57 @@ def clock(error_s: float, at: ChangedTruth) -> Term:
     )
 
 
-def time_stamp(baudrate: int, at: ChangedTruth) -> Term:
+UNKNOWN_DELAY_S = 0.2
+"""From the end of an exposure to the first byte: sensors read out and think for 20 to 200 ms."""
+
+
+def time_terms(time: TimeDescription, baudrate: int, poll_period_s: float, at: ChangedTruth) -> list[Term]:
+    """When the exposure was: by the sensor's own absolute clock, or by the bytes that came after it."""
+    if time.is_absolute:
+        return [_sensor_clock(time.uncertainty_ms / 1000 * TO_STANDARD, time.scale, at)]
+    terms = [_time_stamp(baudrate, at)]
+    delay = time.delay_ms
+    if delay is None or delay.most is not None:
+        most_s = UNKNOWN_DELAY_S if delay is None or delay.most is None else delay.most / 1000
+        evidence = f"B: not stated: 0 to {1000 * most_s:.0f} ms; truth is not moved"
+        terms.append(_delay(most_s / math.sqrt(3), evidence, Distribution.RECTANGULAR, at))
+    elif delay.uncertainty:
+        evidence = f"B: {delay.value:g} ms as stated in sensor.time.delay_ms, with its uncertainty (95 %)"
+        terms.append(_delay(delay.uncertainty / 1000 * TO_STANDARD, evidence, Distribution.NORMAL, at))
+    if poll_period_s:
+        evidence = f"B: the exposure may be older than its request by the poll's period, {poll_period_s:g} s"
+        terms.append(_delay(poll_period_s / math.sqrt(3), evidence, Distribution.RECTANGULAR, at, name="poll"))
+    return terms
+
+
+def _sensor_clock(standard: float, scale: str, at: ChangedTruth) -> Term:
+    return Term(
+        "sensor clock",
+        standard,
+        "s",
+        *at.about_the_pole(standard),
+        evidence=f"B: the sensor's own clock ({scale}), as sensor.time.uncertainty_ms or the protocol states it",
+        explanation="truth is taken at the instant that the sensor states; the host's clock is only a witness",
+        remedy="discipline the sensor's clock better, and state sensor.time.uncertainty_ms",
+        corrected=False,
+    )
+
+
+def _delay(standard: float, evidence: str, kind: Distribution, at: ChangedTruth, *, name: str = "sensor delay") -> Term:
+    return Term(
+        name,
+        standard,
+        "s",
+        *at.about_the_pole(standard),
+        evidence=evidence,
+        explanation="a sensor reads out and thinks before its first byte; a constant delay looks like a turned mount",
+        remedy="measure it (a pulse of light, the maker's figure): sensor.time.delay_ms: {value: 85, uncertainty: 10}",
+        distribution=kind,
+        corrected=False,
+    )
+
+
+def _time_stamp(baudrate: int, at: ChangedTruth) -> Term:
     """How late the first byte of a frame may be read."""
     half_byte_s = _BITS_PER_BYTE / 2 / baudrate
     standard = (_TIME_STAMP_S + half_byte_s) / math.sqrt(3)

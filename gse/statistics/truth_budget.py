@@ -30,7 +30,7 @@ from gse.statistics.budget_terms import (
     model_terms,
     site_terms,
     stated_mount,
-    time_stamp,
+    time_terms,
 )
 from gse.statistics.sensor_answers import by_other_stars_arcsec
 from gse.statistics.star_terms import OWN_STARS, FieldOfStars, own_stars, star_terms
@@ -39,8 +39,11 @@ from gse.truth import Alignment, EarthOrientation
 from gse.values.axis import AXES, D_DE, D_RA_COSDE, Axis
 from gse.values.mount import Mount
 from gse.values.site import Site
+from protocols.description import DelayDescription, TimeDescription
 
 _USUAL_FIELD = FieldOfStars()
+_NO_DELAY = DelayDescription(value=0.0, uncertainty=0.0)
+_NO_DELAY_TIME = TimeDescription(delay_ms=_NO_DELAY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,7 @@ class SessionFacts:
 
     ``alignment`` is the mount where it was fitted on other frames of the session. ``clock_by`` says whose bound that of
     the clock is. ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
+    ``time`` says what the time tags tell; a polled exposure may be ``poll_period_s`` older than it seems.
     """
 
     site: Site
@@ -62,6 +66,8 @@ class SessionFacts:
     alignment: Alignment | None = None
     own_stars_arcsec: float = 0.0
     clock_by: str = ""
+    time: TimeDescription = _NO_DELAY_TIME
+    poll_period_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +130,25 @@ def session_facts(session: SessionData, *, clock_error_s: float, clock_by: str =
         alignment=session.alignment,
         own_stars_arcsec=by_other_stars_arcsec(session) if len(session.sensor_attitudes) else 0.0,
         clock_by=clock_by,
+        time=_time(session),
+        poll_period_s=_poll_period_s(session),
     )
+
+
+def _time(session: SessionData) -> TimeDescription:
+    """As the session has it; a simulated sensor and the bytes of a raw capture have no delay of their own."""
+    is_raw = len(session.frames) > 0 and not (session.frames.columns["host_utc_ns"] > 0).any()
+    if session.time.delay_ms is None and (session.is_simulated or is_raw):
+        return session.time.model_copy(update={"delay_ms": _NO_DELAY})
+    return session.time
+
+
+def _poll_period_s(session: SessionData) -> float:
+    """How long before its request a polled panorama may have been taken, where its tag does not show it."""
+    poll = session.station.sensor.poll
+    if poll is None or session.time.scale != "host" or session.is_simulated:
+        return 0.0
+    return (poll.timeout_ms if poll.period_ms == "asap" else float(poll.period_ms)) / 1000
 
 
 def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
@@ -164,7 +188,7 @@ def _terms(facts: SessionFacts, orientation: EarthOrientation) -> list[Term]:
         *earth_terms(orientation, facts.utc_ns, at),
         *site_terms(facts.site, at),
         *air_terms(facts.site, facts.mount, at),
-        time_stamp(facts.baudrate, at),
+        *time_terms(facts.time, facts.baudrate, facts.poll_period_s, at),
     ]
     if facts.alignment is None:
         mount = stated_mount(facts.mount, at)
@@ -174,7 +198,8 @@ def _terms(facts: SessionFacts, orientation: EarthOrientation) -> list[Term]:
     stars = star_terms(facts.stars, facts.utc_ns, facts.duration_s)
     if facts.own_stars_arcsec:
         stars.append(own_stars(facts.own_stars_arcsec, facts.stars.width_rad))
-    return [*model_terms(at), *constant, *mount, clock(facts.clock_error_s, at), *stars]
+    clocks = [] if facts.time.is_absolute else [clock(facts.clock_error_s, at)]
+    return [*model_terms(at), *constant, *mount, *clocks, *stars]
 
 
 def _absorbed(term: Term) -> Term:

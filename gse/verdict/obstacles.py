@@ -74,6 +74,7 @@ def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) ->
         )
     yield from _other_sensor(session)
     yield from _no_temperature(session)
+    yield from (event.text for event in session.events if event.kind == StationKind.SENSOR_CLOCK)
     yield from _untested_core(rows)
 
 

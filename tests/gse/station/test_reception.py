@@ -2,6 +2,8 @@
 
 import math
 import zlib
+from dataclasses import replace
+from datetime import UTC, date, datetime
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from protocols import (
     load_protocol,
     parse_protocol,
 )
+from protocols.description import DelayDescription, TimeDescription
 from protocols.sequence import SLACK
 
 PROTOCOL = load_protocol("panorama-v1")
@@ -577,3 +580,61 @@ def test_a_stream_is_a_test_from_the_first_frame_that_says_so() -> None:
 
 def _frames_of(data: bytes) -> list[Frame]:
     return [piece for piece in FrameDecoder(PROTOCOL).feed(data) if isinstance(piece, Frame)]
+
+
+def times_of(
+    tag_us_of_middle: int, *, delay_ns: int, time: TimeDescription, flags: frozenset[str] = frozenset()
+) -> int:
+    """How far the UTC of 30 exposures is off whose tags are so far from their middle, and which come so late."""
+    chunks = [
+        Chunk(*arrival(100_000 * n, delay_ns), frame(n, 100_000 * n + tag_us_of_middle, flags=flags))
+        for n in range(1, 31)
+    ]
+    found = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE, time=time), *chunks))
+    off_ns = [panorama.utc_ns - START_NS - 100_000_000 * n for n, panorama in enumerate(found, start=1)]
+    assert max(off_ns) - min(off_ns) < 1000
+    return off_ns[0]
+
+
+STATED = DelayDescription(value=85, uncertainty=10)
+
+
+@pytest.mark.parametrize(
+    ("time", "tag_us"),
+    [
+        (TimeDescription(delay_ms=STATED), 0),
+        (TimeDescription(tag_of="start", delay_ms=STATED), -50_000),
+        (TimeDescription(tag_of="end", delay_ms=STATED), 50_000),
+        (TimeDescription(tag_of="sent", delay_ms=STATED), 135_000),
+        (TimeDescription(scale="host", delay_ms=STATED), 12_345),
+    ],
+)
+def test_a_stated_delay_is_taken_off_whatever_moment_the_tag_tells(time: TimeDescription, tag_us: int) -> None:
+    assert abs(times_of(tag_us, delay_ns=85_000_000, time=time)) < 1000
+
+
+def test_a_delay_that_is_not_stated_moves_nothing() -> None:
+    assert times_of(0, delay_ns=85_000_000, time=TimeDescription()) == pytest.approx(85_000_000, abs=1000)
+
+
+def test_an_absolute_clock_is_its_own_truth_unless_it_is_not_locked() -> None:
+    """Its tags count from the begin of the session here, and the host's clock is 7 s fast."""
+    epoch = datetime(2026, 3, 20, 15, tzinfo=UTC)
+    assert epoch.timestamp() * 10**9 == START_NS
+    time = TimeDescription(scale="utc", epoch=epoch)
+    assert times_of(0, delay_ns=7_000_000_000, time=time) == 0
+    chunks = [Chunk(*arrival(100_000 * n, 7_000_000_000), frame(n, 100_000 * n)) for n in range(1, 31)]
+    assert events(received(Reception(PROTOCOL, baudrate=BAUDRATE, time=time), *chunks)) == ["SENSOR_CLOCK"]
+
+
+def test_an_absolute_clock_that_is_not_locked_is_a_counter() -> None:
+    text = DESCRIPTION.replace(
+        "      - {name: frame_no",
+        "      - {name: status, type: u8, bits: {0: clock not locked}}\n      - {name: frame_no",
+    )
+    protocol = parse_protocol(text, "locked.yaml")
+    reception = Reception(protocol, baudrate=BAUDRATE, time=TimeDescription(scale="utc", epoch=date(2020, 1, 1)))
+    message = replace(PanoramaMessage.empty(), time_us=50_000, flags=frozenset({"clock not locked"}))
+    (panorama,) = panoramas(received(reception, Chunk(*arrival(0), protocol.encode(message, 1))))
+    assert abs(panorama.utc_ns - START_NS) < 50_000_000
+    assert reception.is_unlocked

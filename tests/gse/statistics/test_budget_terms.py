@@ -16,6 +16,7 @@ from gse.truth import Alignment, EarthOrientation
 from gse.values.instant import from_text
 from gse.values.mount import Mount
 from gse.values.site import Site, SiteUncertainty
+from protocols.description import TimeDescription
 
 NORMAL, RECTANGULAR, STUDENT = Distribution.NORMAL, Distribution.RECTANGULAR, Distribution.STUDENT
 LEANING = Mount(azimuth_deg=40.0, altitude_deg=45.0, roll_deg=10.0)
@@ -328,3 +329,17 @@ def test_a_level_is_told_along_and_across():
     assert told == {
         "azimuth": "as surveyed", "altitude": "the level of the mount, along and across", "roll": "as surveyed"
     }  # fmt: skip
+
+
+def test_the_delay_of_a_sensor_has_a_term_unless_none_is_possible() -> None:
+    def standard_s(name: str, **time: object) -> float | None:
+        budget = truth_budget(replace(FACTS, time=TimeDescription(**time)))
+        return next((term.standard for term in budget.terms if term.name == name), None)
+
+    assert standard_s("sensor delay") == pytest.approx(0.2 / math.sqrt(3))
+    assert standard_s("sensor delay", delay_ms={"most": 50}) == pytest.approx(0.05 / math.sqrt(3))
+    assert standard_s("sensor delay", delay_ms={"value": 85, "uncertainty": 10}) == pytest.approx(0.005, rel=0.03)
+    assert standard_s("sensor delay", delay_ms={"value": 0, "uncertainty": 0}) is None
+    assert standard_s("sensor clock", scale="gps", uncertainty_ms=0.1) == pytest.approx(5e-5, rel=0.03)
+    assert standard_s("clock", scale="gps") is standard_s("time stamp", scale="gps") is None
+    assert standard_s("poll", scale="host") is None
