@@ -1,5 +1,6 @@
 """Recordings as items of a timestamped port: sessions and raw captures, cut out, cut up, repeated."""
 
+import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from itertools import chain
@@ -59,8 +60,33 @@ def _event(record: RecordedMessage) -> LinkEvent:
     return record.event()
 
 
+_DUMPS = (
+    (re.compile(rb"\x1f\x8b\x08"), "packed by gzip", "gunzip"),
+    (re.compile(rb"(?:[0-9A-Fa-f]{4,8}:?[ \t]+(?:[0-9A-Fa-f]{2,4}[ \t]+){4,16}[^\n]*\n){2}"), "a hex dump", "xxd -r"),
+    (re.compile(rb"(?:(?:0x)?[0-9A-Fa-f]{2}[\s,:;]*){64}"), "hexadecimal digits", "xxd -r -p"),
+    (re.compile(rb"(?:[A-Za-z0-9+/]{60,76}\r?\n){2}"), "base64", "base64 -d"),
+)
+_HEAD_BYTES = 4096
+
+
+def refuse_dump(path: Path) -> None:
+    """CaptureError where a raw capture holds the bytes in another form, with the program that undoes it."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    for form, what, program in _DUMPS:
+        if form.match(head):
+            raise CaptureError(
+                f"{path} is no raw capture: it is {what}; make one of it: {program} {path.name} > capture.bin"
+            )
+
+
 def raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:
     """The bytes of a raw capture, all stamped with the UTC of its start: the sensor's time tags give the rest."""
+    refuse_dump(path)
+    return _raw_items(path, start_utc_ns)
+
+
+def _raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:
     with path.open("rb") as file:
         while data := file.read(RAW_CHUNK_BYTES):
             yield Chunk(start_utc_ns, 0, data)

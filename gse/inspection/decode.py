@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import CaptureError
-from drivers.mock.playback import is_session
+from drivers.mock.playback import is_session, refuse_dump
 from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage
 from gse.errors import UsageError
@@ -200,6 +200,8 @@ def _check_readable(path: Path) -> None:
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
     if path.is_file() and path.stat().st_size == 0:
         raise UsageError(f"{path} is empty: nothing was recorded in it")
+    if path.is_file() and not is_session(path):
+        refuse_dump(path)
 
 
 def _protocol_of(path: Path, name: str | None) -> Protocol:

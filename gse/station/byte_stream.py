@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from drivers.chunk import Chunk
 from gse.station.results import LinkCounters
+from gse.station.translated_bytes import ByteMarks
 from protocols import Discard, Frame, FrameDecoder, Protocol
 from protocols.frame import ECHO
 
@@ -37,6 +38,7 @@ class ByteStream:
         """With ``echoes`` commands are recognised that come back; ``latest_echoes`` are those of the latest chunks."""
         self.latest_reasons: dict[int, set[str]] = {}
         self.latest_echoes: list[Discard] = []
+        self.marks = ByteMarks(protocol)
         self._counters = counters
         self._decoder = FrameDecoder(protocol, from_sensor=True, echoes=echoes)
         self._chunks: list[Chunk] = []
@@ -58,6 +60,7 @@ class ByteStream:
         counters.bytes_in = end
         data = b"".join([chunk.data for chunk in chunks])
         self._sha256.update(data)
+        self.marks.feed(data)
         frames = self._take(self._decoder.feed(data), kept)
         decoded = bisect_right(self._starts, end - self._decoder.pending) - 1
         del self._chunks[:decoded], self._starts[:decoded]

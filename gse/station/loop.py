@@ -407,6 +407,10 @@ class StationLoop:
         if self._search is not None and (words := self._search.finish()):
             last_utc_ns = int(self.session.frames.columns["utc_ns"][-1])
             self.on_event(LinkEvent(last_utc_ns, 0, StationKind.SEARCH_THINNED, words))
+        if self.session.link.bytes_discarded and (said := self.reception.stream.marks.said()):
+            rows = self.session.frames.columns["utc_ns"]
+            at_ns = int(rows[-1]) if len(rows) else 0
+            self.on_event(LinkEvent(at_ns, 0, StationKind.TRANSLATED, said))
         self._log_all(self._result_events.finish(self.session))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.stream.raw_sha256

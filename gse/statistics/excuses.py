@@ -463,6 +463,11 @@ def _stopped(evidence: Evidence, row: Row) -> str:
     return f"{lost} were lost while this computer did not run the station"
 
 
+def _translated(evidence: Evidence, row: Row) -> str:
+    found = (event.text for event in evidence.session.events if event.kind == StationKind.TRANSLATED)
+    return next(found, "")
+
+
 def lost_while_not_run(session: SessionData) -> int:
     """How many panoramas are missing right after the events NOT_RUN: by time tags, and at most those that are lost."""
     frames = session.frames.columns
@@ -528,7 +533,9 @@ AIR = Excuse(
 )
 STOP = Excuse("stop", _stopped, (Claim.ABSENCE,), "the frames were lost while this computer did not run the station")
 
-EXCUSES = (LOST_STATION, CAMERA, PLACE, CLOUD, AIR, STOP)
+TRANSPORT = Excuse("transport", _translated, (Claim.ABSENCE,), "bytes were taken out or translated on their way here")
+
+EXCUSES = (LOST_STATION, CAMERA, PLACE, CLOUD, AIR, STOP, TRANSPORT)
 
 
 def left_out(session: SessionData) -> tuple[Exclusion, ...]:

@@ -260,3 +260,20 @@ def test_tags_that_begin_anew_when_their_counter_is_full_are_no_restart(bits, un
     assert finding.size.endswith(f"after {full_us / 1e6:.6g} s: it counts {words}")
     made.frames.columns["time_us"] = np.arange(200) % 90 * 1_000_000  # a restart
     assert list(wrapped_tags(made)) == []
+
+
+@pytest.mark.parametrize(("step_s", "group_s"), [(0.02, 0.016), (0.1, 0.2), (0.1, 0.064), (0.01, 0.016), (0.2, 0.7)])
+def test_bytes_that_an_adapter_hands_over_in_groups_are_no_fault_of_the_tags(step_s, group_s):
+    made = frames(400, step_s)
+    group_ns = round(group_s * NS_PER_S)
+    made["host_utc_ns"] = -(-made["host_utc_ns"] // group_ns) * group_ns
+    assert faults(made) == ()
+
+
+@pytest.mark.parametrize("share", [1.25, 0.7])
+def test_tags_that_run_off_are_a_fault_in_groups_too(share):
+    made = frames(400, 0.02)
+    made["time_us"] = 1_000_000 + (share * (made["time_us"].astype(np.int64) - 1_000_000)).astype(np.int64)
+    made["host_utc_ns"] = -(-made["host_utc_ns"] // 16_000_000) * 16_000_000
+    [line] = faults(made)
+    assert "it ran" in line
