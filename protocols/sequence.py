@@ -95,7 +95,7 @@ class SequenceTracker:
     """Classifies and counts the sequence numbers of one direction; all message types share one counter.
 
     ``modulus`` is where the number wraps, ``step`` by which it goes on; 0 stands for a protocol without sequence
-    numbers, where every frame is NEXT unless its clock jumps back.
+    numbers, where a frame is NEXT unless its clock jumps back, or it is a copy with the time of the one before.
     """
 
     def __init__(self, modulus: int = MODULUS, step: int = 1) -> None:
@@ -142,7 +142,7 @@ class SequenceTracker:
         """
         arrival = self._classify(sequence, time_us, restarted)
         if arrival is _DUPLICATE and not is_copy():
-            arrival = _CHAOS
+            arrival = _CHAOS if self._modulus else _NEXT
         if arrival is _DUPLICATE:
             self.duplicates += 1
             return arrival
@@ -189,6 +189,8 @@ class SequenceTracker:
     def _classify(self, sequence: int, time_us: int | None, restarted: bool) -> Arrival:
         clock_back = time_us is not None and self._last_time_us is not None and time_us < self._last_time_us
         if self._modulus == 0:
+            if time_us is not None and time_us == self._last_time_us:
+                return _DUPLICATE
             return _RESET if restarted or clock_back else _NEXT
         if (sequence, time_us) in self._seen or (sequence == self._last and not clock_back):
             return _DUPLICATE

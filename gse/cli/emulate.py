@@ -75,7 +75,7 @@ def command(
     if use_pty == (tcp_address is not None):
         raise UsageError("give either --pty or --tcp HOST:PORT, for example --tcp 127.0.0.1:4000")
     options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
-    options |= {"level": level, "standby": "yes" if standby else "no"}
+    options |= {"level": level, **({"standby": "yes"} if standby else {})}
     session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
     if dark:
         session = session.model_copy(update={"air": session.air.model_copy(update={"sunlight": False})})

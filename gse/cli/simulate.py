@@ -1,5 +1,6 @@
 """``gse simulate``: write a simulated session."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -57,12 +58,14 @@ def command(
     station file of the scenario. Replay it with gse replay.
     """
     from drivers.faults.options import parse_faults
+    from gse.sessions.asking import asking_of, check_asking
     from gse.sessions.live import new_session_folder
     from gse.simulator.device import scenario_of
     from gse.simulator.outlook import outlook
     from gse.simulator.recording import record_simulation
     from gse.simulator.scenario import load_scenario, scenario_names
     from gse.truth import EarthOrientation
+    from protocols import load_protocol
 
     if as_list:
         for name in scenario_names():
@@ -81,7 +84,14 @@ def command(
     orientation = EarthOrientation.from_disk(described.start_utc_ns)
     if path is None:
         path = new_session_folder(out, f"{station.sensor.name}-{scenario}", described.start_utc_ns) / "session.mcap"
-    recording = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
+    check_asking(station.sensor, load_protocol(station.protocol), station.port.baudrate)
+    recording = record_simulation(
+        path,
+        station.model_copy(update={"port": port}),
+        text,
+        orientation.to_json(),
+        asking=partial(asking_of, station.sensor),
+    )
     click.echo(path)
     click.echo(f"{recording.bytes_sent} bytes of {scenario}: {described.text}", err=True)
     seen = outlook(described.device_for(station), described, "--start-utc chooses a night")

@@ -126,14 +126,15 @@ class Asking:
             self._link.send(data)
 
 
-def options_of(sensor: Sensor) -> StartOptions | PollOptions | None:
-    """How the sensor is asked; None where it is not."""
-    return sensor.start or sensor.poll
+def asking_of(sensor: Sensor, link: SerialLink, protocol: Protocol) -> Asking | None:
+    """What asks this sensor over a link; None where the station file has it asked nothing, or it is a recording."""
+    options = sensor.start or sensor.poll
+    return None if options is None or link.url.startswith("replay://") else Asking(link, protocol, options)
 
 
 def check_asking(sensor: Sensor, protocol: Protocol, baudrate: int) -> None:
     """UsageError where the protocol has no such command, or the line is too slow for it."""
-    options = options_of(sensor)
+    options = sensor.start or sensor.poll
     if options is None:
         return
     key, command = ("start", Start(0.1)) if isinstance(options, StartOptions) else ("poll", Request())

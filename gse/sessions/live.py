@@ -36,7 +36,7 @@ from gse.recording.session_format import (
     shown_json,
     timing_json,
 )
-from gse.sessions.asking import Asking, check_asking, options_of
+from gse.sessions.asking import Asking, asking_of, check_asking
 from gse.sessions.status_file import StatusFile
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
@@ -257,8 +257,7 @@ def run_live(
             began_ns = first[0].utc_ns if first else link.utc_ns() or None
             setup = set_up(station, station_text, utc_ns=began_ns, tell=operator.tell)
             loop = StationLoop(setup, given_orientation=given_orientation)
-        asks = options_of(station.sensor)
-        asking = Asking(link, loop.setup.protocol, asks) if asks and not port.url.startswith("replay://") else None
+        asking = asking_of(station.sensor, link, loop.setup.protocol)
         derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s, asking)
         loop.session.clock_error_s = clock_error_s
         loop.listeners = make_listeners(loop, folder, live)

@@ -86,9 +86,10 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
     """What makes simulated sensors for sim:// when the station file says ``station``.
 
     Options of the URL: ``scenario`` (a name or a YAML file), ``seed``, ``frames`` (exposures until the end), ``start``
-    (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for START), ``level`` (``panorama``, or the slower
-    ``image`` and ``image-sub-pixel``: whole images, extracted), ``reset_s`` (the sensor restarts so many seconds after
-    the start). UrlError otherwise, with what was expected.
+    (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for a command, which is the default where the
+    station file has it asked), ``level`` (``panorama``, or the slower ``image`` and ``image-sub-pixel``: whole images,
+    extracted), ``reset_s`` (the sensor restarts so many seconds after the start). UrlError otherwise, with what was
+    expected.
     """
 
     def make(options: dict[str, str]) -> SimulatedSensor:
@@ -136,10 +137,10 @@ def firmware_of(
 
     Its stream says where it ``is_test``; sim:// is known by its port.
     """
-    standby = options.get("standby", "no")
+    device = scenario.device_for(station)
+    standby = options.get("standby", "yes" if device.sensor.start or device.sensor.poll else "no")
     if standby not in ("yes", "no"):
         raise UrlError(f"sim://: standby={standby} does not work: expected yes or no")
-    device = scenario.device_for(station)
     protocol = load_protocol(device.protocol).with_addresses(device.port.address, device.port.host_address)
     answers = scenario.attitude.sends or not protocol.slots
     if answers and "ATTITUDE" not in protocol.types:

@@ -1,7 +1,10 @@
 """Simulated sessions: what the simulated sensor sends, as a session file."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol as Interface
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
@@ -14,7 +17,7 @@ from gse.recording.recorder import Recorder
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, RecorderKind, clock_json
 from gse.simulator.device import device_factory
 from gse.values.instant import NS_PER_S
-from protocols import load_protocol
+from protocols import Frame, FrameDecoder, Protocol, load_protocol
 
 CLOCK_EVERY_NS = 60 * NS_PER_S
 _RECEIVE_S = 0.2
@@ -28,13 +31,31 @@ class SimulatedRecording:
     damage: str | None
 
 
-def record_simulation(path: Path, station: Station, station_text: str, orientation_json: str) -> SimulatedRecording:
+class Asking(Interface):
+    """What asks the simulated sensor, between two rounds of receiving."""
+
+    def came(self, panoramas: int, reconnects: int) -> None:
+        """Panoramas came since the last call."""
+
+    def wait_s(self) -> float:
+        """How long a round may last."""
+
+
+def record_simulation(
+    path: Path,
+    station: Station,
+    station_text: str,
+    orientation_json: str,
+    *,
+    asking: Callable[[SerialLink, Protocol], AbstractContextManager[Asking] | None] = lambda link, protocol: None,
+) -> SimulatedRecording:
     """Record the simulated sensor of the station's port (a sim:// URL) from start to end.
 
     The clock readings say what is true: the simulated host's clock is right. The Earth orientation that a replay shall
     use is frozen in the session, as a live session does. UrlError where the URL is wrong: then nothing is left behind.
     """
     register(device_factory(station))
+    protocol = load_protocol(station.protocol).with_addresses(station.port.address, station.port.host_address)
     recorder = Recorder(path, live=False, last_tries_s=0.0)
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder)
@@ -44,20 +65,27 @@ def record_simulation(path: Path, station: Station, station_text: str, orientati
         raise
     with recorder, link:
         recorder.attach(STATION, "application/yaml", station_text.encode())
-        recorder.attach(PROTOCOL, "application/yaml", load_protocol(station.protocol).text.encode())
+        recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
         recorder.attach(EARTH_ORIENTATION, "application/json", orientation_json.encode())
-        size = _record(link, recorder)
+        with asking(link, protocol) or nullcontext() as asks:
+            size = _record(link, recorder, FrameDecoder(protocol, from_sensor=True), asks)
     refused = [event.text for event in recorder.news() if event.kind == RecorderKind.LOST]
     return SimulatedRecording(size, "; ".join(filter(None, [recorder.damage, *refused])) or None)
 
 
-def _record(link: SerialLink, recorder: Recorder) -> int:
+def _record(link: SerialLink, recorder: Recorder, decoder: FrameDecoder, asks: Asking | None) -> int:
     size, clock_due_ns = 0, 0
     while not link.at_end:
-        for item in link.receive(_RECEIVE_S):
-            size += len(item.data) if isinstance(item, Chunk) else 0
+        panoramas = 0
+        for item in link.receive(asks.wait_s() if asks else _RECEIVE_S):
+            if isinstance(item, Chunk):
+                size += len(item.data)
+                found = decoder.feed(item.data) if asks else ()
+                panoramas += sum(isinstance(piece, Frame) and piece.type == "PANORAMA" for piece in found)
             if item.utc_ns >= clock_due_ns:
                 clock_due_ns = item.utc_ns + CLOCK_EVERY_NS
                 reading = ClockReading(item.utc_ns, item.mono_ns, "simulated", True, 0.0, 0.0)
                 recorder.derived(CLOCK, item.utc_ns, clock_json(reading))
+        if asks:
+            asks.came(panoramas, 0)
     return size

@@ -10,4 +10,8 @@ gse simulate --scenario cloudy-night --rate-hz 5 --seed 3 --file cloudy.mcap
 gse simulate --scenario cold-start --seconds 45 --seed 4 --file faults.mcap \
     --faults flip:1e-5,insert:1e-5,noise:1e-5,drop_frame:0.005,double_frame:0.01,swap_frame:0.01,disconnect:30s/1s
 gse simulate --scenario own-answers.yaml --seed 5 --file own-answers.mcap
+for name in nsp-polled ccsds-packets text-lines slip-polled; do
+    gse simulate --scenario $name.yaml --seed 6 --file $name.mcap
+done
+gse simulate --scenario text-objects.yaml --seed 6 --file text-objects.mcap --faults drop:2e-5
 gse ci . --update

@@ -157,3 +157,18 @@ def test_sent_equals_received_plus_lost_less_duplicates(first: int, fates: list[
     assert len(fates) == received - tracker.duplicates + tracker.lost
     assert tracker.duplicates == fates.count(3)
     assert tracker.resets == 0
+
+
+def test_without_numbers_a_copy_with_the_same_time_is_a_duplicate_and_another_frame_is_none() -> None:
+    tracker = SequenceTracker(0)
+    found = [tracker.accept(-1, time_us=time_us, is_copy=lambda: True) for time_us in (10, 20, 20, 30)]
+    assert found == [Arrival.NEXT, Arrival.NEXT, Arrival.DUPLICATE, Arrival.NEXT]
+    assert tracker.accept(-1, time_us=30, is_copy=lambda: False) is Arrival.NEXT
+    assert tracker.duplicates == 1
+
+
+def test_numbers_that_go_on_in_steps_are_counted_in_steps() -> None:
+    tracker = SequenceTracker(200, 2)
+    found = [tracker.accept(n, elapsed_s=0.1) for n in (194, 196, 198, 0, 4, 6, 2)]
+    assert found == [*[Arrival.NEXT] * 4, Arrival.GAP, Arrival.NEXT, Arrival.LATE]
+    assert tracker.lost == 0
