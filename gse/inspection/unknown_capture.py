@@ -1,11 +1,12 @@
 """An unknown capture looked at: which framings, lengths and checksums its bytes fit.
 
-Frames are cut at a sync word, found as the most frequent sequences of 2 and 4 bytes, or at the END bytes of SLIP and of
-each other delimiter. Each checksum that a description can name is tried on them, in both byte orders, with and without
-the sync word. A 16-bit checksum is right by chance once in 65,536 frames; three frames of hundreds are no fit, so
-shares are given.
+Frames are cut at a sync word, found as the most frequent sequences of 2 and 4 bytes, at the END bytes of SLIP and of
+each other delimiter, between two words with one escape byte, at the ends of lines, or by the lengths of space packets.
+Each checksum that a description can name is tried on them, in both byte orders, with and without the sync word. One of
+16 bits is right by chance once in 65,536 frames; three frames of hundreds are no fit, so shares are given.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ _LONGEST_FRAME = 4096
 _SYNC_WORDS = 12
 """Most frequent sequences that are tried as sync words."""
 
+_WORDS = 64
+"""Most frequent sequences of two bytes that are tried as start and end of stuffed frames."""
+_SAMPLE = 1 << 18
 _LEAST_SHARE = 0.5
 _MOST_LENGTHS = 5
 
@@ -121,15 +125,72 @@ def _fits(data: bytes) -> Iterator[FramingFit]:
     for name, delimiter in DELIMITERS.items():
         packets = filter(None, data.split(delimiter.end))
         yield from _checked(name, b"", [frame for one in packets if (frame := delimiter.unpacked(one)) is not None])
+    yield from _lines(data)
+    yield from _checked("CCSDS space packets (kind: length)", b"", _space_packets(data))
+    for start, end in _stuffing_words(data):
+        escape = start[:1]
+        inside = re.findall(
+            re.escape(start) + b"((?:[^%b]|%b%b)*)" % (3 * (re.escape(escape),)) + re.escape(end), data[:_SAMPLE]
+        )
+        name = f"stuffed, start {start.hex().upper()}, end {end.hex().upper()}, escape {escape.hex().upper()}"
+        yield from _checked(name, b"", [part.replace(2 * escape, escape) for part in inside])
     for word in _sync_words(data):
         parts = data.split(word)[1:-1]
         yield from _checked(f"sync word {word.hex().upper()}", word, parts)
 
 
+def _lines(data: bytes) -> Iterator[FramingFit]:
+    """Lines of printable characters; those with a checksum have it behind an asterisk."""
+    lines = [line.rstrip(b"\r") for line in data.split(b"\n")[1:-1]][:_MOST_FRAMES]
+    text = [line for line in lines if line and all(32 <= byte < 127 for byte in line)]
+    if len(text) < max(_FEWEST_FRAMES, _LEAST_SHARE * len(lines)):
+        return
+    lengths = tuple(Counter(map(len, text)).most_common(_MOST_LENGTHS))
+    stated = [line[1:].rsplit(b"*", 1) for line in text if b"*" in line]
+    for checksum in CHECKSUMS.values() if len(stated) >= _LEAST_SHARE * len(text) else ():
+        right = sum(b"%0*X" % (2 * checksum.size, checksum.compute(body)) == sent.upper() for body, sent in stated)
+        if checksum.size and right >= max(_LEAST_SHARE * len(stated), _FEWEST_FRAMES):
+            yield FramingFit(f"line, begin {chr(text[0][0])}", checksum.name, "big", False, right, len(stated), lengths)
+    if not stated:
+        yield FramingFit("line", "none", "big", False, len(text), len(lines), lengths)
+
+
+def _space_packets(data: bytes) -> list[bytes]:
+    """Packets whose lengths lead from one to the next, CRC included."""
+    packets: list[bytes] = []
+    at = 0
+    while at + 6 < len(data) and len(packets) < _MOST_FRAMES:
+        end = at + 7 + int.from_bytes(data[at + 4 : at + 6], "big")
+        follows = end + 3 > len(data) or (data[end] == data[at] and data[end + 2] >> 6 == 3)
+        if (
+            data[at] >> 5 == 0
+            and data[at + 2] >> 6 == 3
+            and end - at <= _LONGEST_FRAME
+            and follows
+            and end <= len(data)
+        ):
+            packets.append(data[at:end])
+            at = end
+        else:
+            at += 1
+    return packets
+
+
+def _stuffing_words(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Pairs of words that begin with one byte and are about as frequent: the start and the end of stuffed frames."""
+    part = data[:_SAMPLE]
+    counts = Counter(part[at : at + 2] for at in range(len(part) - 1))
+    common = [(word, count) for word, count in counts.most_common(_WORDS) if word[0] != word[1]]
+    for start, often in common:
+        for end, count in common:
+            if start[0] == end[0] and start != end and often / 2 <= count <= 2 * often:
+                yield start, end
+
+
 def _sync_words(data: bytes) -> list[bytes]:
     """The most frequent sequences of 4 and of 2 bytes that are no run of one byte, the longer first."""
     found: list[bytes] = []
-    part = data[: 1 << 18]
+    part = data[:_SAMPLE]
     for size in (4, 2):
         counts = Counter(part[at : at + size] for at in range(len(part) - size + 1))
         found += [word for word, _ in counts.most_common(_SYNC_WORDS) if len(set(word)) > 1]
@@ -141,7 +202,7 @@ def _checked(framing: str, word: bytes, parts: list[bytes]) -> Iterator[FramingF
     if len(frames) < _FEWEST_FRAMES or len(frames) < len(parts[:_MOST_FRAMES]) / 2:
         return
     lengths = tuple(Counter(map(len, frames)).most_common(_MOST_LENGTHS))
-    for checksum in CHECKSUMS.values():
+    for checksum in (of for of in CHECKSUMS.values() if of.size):
         for covers in (False, True) if word else (False,):
             sums = [
                 (checksum.compute((word if covers else b"") + frame[: -checksum.size]), frame[-checksum.size :])

@@ -6,13 +6,21 @@ import pytest
 from devices.command_line import runner
 
 from gse.inspection.unknown_capture import look
-from protocols import AttitudeMessage, PanoramaMessage, load_protocol
+from protocols import AttitudeMessage, PanoramaMessage, load_protocol, parse_protocol
 
 FITS = {
     "panorama-v1": ("sync word 1ACFFC1D", "crc32", "big"),
     "panorama-slip": ("slip", "crc16-mcrf4xx", "little"),
     "panorama-slip-xxhash": ("slip", "xxhash32", "little"),
     "attitude-quaternion": ("sync word A5C33C5A", "xxhash32", "big"),
+    "nsp-polled": ("slip", "crc16-mcrf4xx", "little"),
+    "ccsds-packets": ("CCSDS space packets (kind: length)", "crc16-ccitt-false", "big"),
+    "text-lines": ("line, begin $", "xor8", "big"),
+}
+OTHERS = {
+    "kind: cobs": "cobs",
+    "kind: hdlc": "hdlc",
+    'kind: stuffed, start: "1F7F", end: "1FFF", escape: "1F"': "stuffed, start 1F7F, end 1FFF, escape 1F",
 }
 
 
@@ -29,10 +37,12 @@ def attitude(rng, number):
     return AttitudeMessage(time_us=time_us, frame_no=number, q1=q1, q2=q2, q3=q3, q4=q4, state=state, latency_s=0.1)
 
 
-def capture(folder: Path, name: str) -> Path:
+def capture(folder: Path, name: str, framing: str = "") -> Path:
     """Forty frames with noise before, between and after."""
     rng = np.random.default_rng(4)
     protocol = load_protocol(name)
+    if framing:
+        protocol = parse_protocol(f"extends: {name}\nname: other\nframing: {{{framing}}}\n", "other.yaml")
     make = attitude if name == "attitude-quaternion" else message
     parts = [rng.bytes(50)]
     for number in range(40):
@@ -50,9 +60,16 @@ def test_framing_checksum_and_byte_order_of_an_unknown_capture_are_found(tmp_pat
     best = looked.fits[0]
     assert (best.framing, best.checksum, best.byte_order) == FITS[name]
     assert best.right >= 30
-    assert best.lengths[0][1] >= 30
+    assert best.lengths[0][1] >= 30 or name == "text-lines"
     assert looked.built_in[0][0] == name
     assert looked.built_in[0][1] > 0.9
+
+
+@pytest.mark.parametrize("framing", OTHERS)
+def test_every_framing_of_a_description_is_found(tmp_path, framing):
+    best = look(capture(tmp_path, "panorama-slip", framing)).fits[0]
+    assert (best.framing, best.checksum, best.byte_order) == (OTHERS[framing], "crc16-mcrf4xx", "little")
+    assert best.right >= 30
 
 
 def test_in_noise_nothing_fits(tmp_path):
