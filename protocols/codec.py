@@ -1,7 +1,9 @@
 """Payloads to messages, and back."""
 
 import math
+import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -396,6 +398,17 @@ class PanoramaCodec(MessageCodec):
         if self._split_time:
             values["time_us"] = [self._split_time.time_us(row) for row in zip(*counts, strict=True)]
         return values, problems
+
+    def random_message(self, draw: random.Random) -> PanoramaMessage:
+        """A panorama whose numbers all fit its fields."""
+        count = self._slots.repeat if self.in_parts else draw.randint(0, min(self._slots.repeat, 30))
+        rows = [[draw.randint(0, 255) for _ in range(3)] for _ in range(count)]
+        table = np.array(rows, dtype=float).reshape(-1, 3)
+        empty = PanoramaMessage.empty()
+        xy_px = np.column_stack([self._x.values_of(table[:, 0]), self._y.values_of(table[:, 1])])
+        index = table[:, 2] if self._index is None else self._index.values_of(table[:, 2])
+        time_us, frame_no = 1_000_000 * draw.randint(0, 2000), draw.randint(0, 255)
+        return replace(empty, xy_px=xy_px, index=index, processing_s=0.02, time_us=time_us, frame_no=frame_no)
 
     @property
     def in_parts(self) -> bool:

@@ -137,6 +137,10 @@ class FramingDescription(DescriptionPart):
     escape: Hex | None = None
     begin: Annotated[str, StringConstraints(strict=True, pattern=r"^[!-~]$")] | None = None
     separator: Annotated[str, StringConstraints(strict=True, pattern=r"^[ -~]$")] | None = None
+    name: Annotated[str, StringConstraints(strict=True, min_length=1, max_length=100)] | None = None
+    distribution: Word | None = None
+    version: Word | None = None
+    sha256: Annotated[str, StringConstraints(max_length=64)] | None = None
 
 
 class CoversDescription(DescriptionPart):

@@ -6,6 +6,7 @@ from protocols.parts import PartsJoiner, Scanner
 from protocols.protocol import Protocol
 from protocols.syncword import SyncWordScanner
 from protocols.unmarked import UnmarkedScanner
+from protocols.wire_class import ClassLayout, ClassScanner
 
 
 class FrameDecoder:
@@ -63,8 +64,10 @@ def _scanner(protocol: Protocol, *, from_sensor: bool | None, echoes: bool) -> S
     layout = protocol.frame_layout
     if from_sensor is not None:
         layout = protocol.one_way_layout(from_sensor=from_sensor, echoes=echoes)
-    if layout.delimiter:
-        scanner: Scanner = DelimitedScanner(layout, layout.delimiter)
+    if isinstance(layout, ClassLayout):
+        scanner: Scanner = ClassScanner(layout)
+    elif layout.delimiter:
+        scanner = DelimitedScanner(layout, layout.delimiter)
     else:
         scanner = SyncWordScanner(layout) if layout.sync_word else UnmarkedScanner(layout)
     return PartsJoiner(scanner, protocol.panoramas) if protocol.panoramas and protocol.panoramas.in_parts else scanner

@@ -33,7 +33,7 @@ from protocols.vocabulary import FORMS, HEADER_FIELDS, QUATERNION, SPARE, Form, 
 _READ = ("type", "flags", "length", "sequence")
 _ABSENT = (0, 0, None, -1)
 """What a header without one of these fields says."""
-_SYNC, _LENGTH, _STUFFED, _LINE = "sync", "length", "stuffed", "line"
+_SYNC, _LENGTH, _STUFFED, _LINE, _CLASS = "sync", "length", "stuffed", "line", "class"
 """The framings that no entry of DELIMITERS makes."""
 _CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 _KEYS_OF = {
@@ -41,6 +41,7 @@ _KEYS_OF = {
     _LENGTH: ("end_word",),
     _STUFFED: ("start", "end", "escape"),
     _LINE: ("separator", "begin"),
+    _CLASS: ("name", "distribution", "version", "sha256"),
 }
 
 
@@ -497,10 +498,12 @@ def _delimiter(description: FramingDescription, source: DescriptionSource) -> De
     if description.kind not in kinds:
         raise source.error(f"is {description.kind!r:.60}: expected one of {', '.join(kinds)}", ("framing", "kind"))
     known = _KEYS_OF.get(description.kind, ())
-    for key in ("sync_word", "end_word", "start", "end", "escape", "begin", "separator"):
+    for key in dict.fromkeys(key for keys in _KEYS_OF.values() for key in keys):
         if getattr(description, key) is not None and key not in known:
             raise source.error(f"a framing of the kind {description.kind} has none", ("framing", key))
-    needed = known if description.kind in (_STUFFED, _LINE) else known[:1] if description.kind == _SYNC else ()
+    needed = (
+        known if description.kind in (_STUFFED, _LINE) else known[:1] if description.kind in (_SYNC, _CLASS) else ()
+    )
     for key in needed:
         if getattr(description, key) is None and key != "begin":
             raise source.error("is missing", ("framing", key))

@@ -4,8 +4,9 @@ import copy
 import dataclasses
 import difflib
 import functools
+import random
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,13 @@ from protocols.codec import MessageCodec, PanoramaCodec
 from protocols.description import Description, TimeDescription
 from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
-from protocols.layout import Addresses, FrameLayout, compile_frame, compile_messages, one_way
+from protocols.layout import Addresses, FrameLayout, MessageLayout, compile_frame, compile_messages, one_way
 from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage, StatusMessage
 from protocols.parts import MAX_PARTS, PART
 from protocols.reading import MAX_TEXT, DescriptionSource, read_document, validate
 from protocols.text import TextLayout, compile_text
 from protocols.vocabulary import NAME_OF
+from protocols.wire_class import ClassLayout, load_wire_class, wire_class_names
 
 
 class Protocol:
@@ -37,6 +39,9 @@ class Protocol:
         layouts = compile_messages(description, source)
         compiled = compile_text if description.framing.kind == "line" else compile_frame
         self.frame_layout: FrameLayout = compiled(description, layouts, source)
+        self.remark = ""
+        if description.framing.kind == "class":
+            self.frame_layout, self.remark = _of_class(description, self.frame_layout, layouts, source)
         commands = {layout.code: name for name, layout in layouts.items() if not layout.from_sensor}
         self._codecs = {
             name: (PanoramaCodec if layout.slots else MessageCodec)(layout, commands)
@@ -117,6 +122,16 @@ class Protocol:
             self.panoramas.parts(len(message.index)) if isinstance(message, PanoramaMessage) and self.panoramas else 1
         )
 
+    def random_payload(self, type_name: str, draw: random.Random) -> bytes:
+        """Bytes of a length that this message can have, with a count that agrees; its spare bits as they always are."""
+        layout = self._codecs[type_name].layout
+        if not layout.slots:
+            # Any number stands in a binary field, in a line only those that its words can say.
+            return layout.blank if isinstance(self.frame_layout, TextLayout) else draw.randbytes(layout.size)
+        codec = self._codecs[type_name]
+        assert isinstance(codec, PanoramaCodec)
+        return codec.encode_parts(codec.random_message(draw))[0]
+
     def flags_of(self, frame: Frame) -> frozenset[str]:
         """The names of the header's flags that are set; ``stored`` is data that is not live."""
         names = self.frame_layout.header.flag_names
@@ -184,6 +199,26 @@ class Protocol:
         return frames.frame(layout, payload, sequence, flags)
 
 
+def _of_class(
+    description: Description, base: FrameLayout, layouts: Mapping[str, MessageLayout], source: DescriptionSource
+) -> tuple[FrameLayout, str]:
+    """The layout of a class's frames, and a remark where it is not the one that the description was made with."""
+    framing = description.framing
+    try:
+        found = load_wire_class(framing.name or "")
+    except DescriptionError as error:
+        wanted = " ".join(filter(None, (framing.distribution, framing.version)))
+        advice = f"; it was {wanted}: install that" if wanted else ""
+        raise source.error(f"{error}{advice}", ("framing", "name")) from error
+    same = framing.sha256 in (None, found.sha256)
+    remark = (
+        f"the protocol class {found.name} is that of {found.distribution} {found.version} now; "
+        f"the session was recorded with {framing.distribution} {framing.version}"
+    )
+    fields = {field.name: getattr(base, field.name) for field in dataclasses.fields(base)}
+    return ClassLayout(**fields, format=found.format, layouts=tuple(layouts.values())), "" if same else remark
+
+
 @functools.lru_cache(maxsize=16)
 def parse_protocol(text: str, source: str) -> Protocol:
     """The protocol of a YAML text; DescriptionError names ``source``, line, key and reason.
@@ -210,9 +245,11 @@ def _extended(document: dict[str, Any], where: DescriptionSource) -> dict[str, A
 
 
 def load_protocol(name_or_path: str) -> Protocol:
-    """The protocol of a built-in name, or of a YAML file."""
+    """The protocol of a built-in name, of an installed class, or of a YAML file."""
     if name_or_path in built_in_names():
         return parse_protocol(_built_in_text(name_or_path), f"{name_or_path}.yaml")
+    if name_or_path in wire_class_names():
+        return parse_protocol(_class_text(name_or_path), f"protocol class {name_or_path}")
     path = Path(name_or_path)
     if path.exists() and not path.is_file():
         raise DescriptionError(
@@ -230,6 +267,14 @@ def load_protocol(name_or_path: str) -> Protocol:
     except UnicodeDecodeError as error:
         raise DescriptionError(f"{name_or_path}: not a protocol description: it is not UTF-8 text") from error
     return parse_protocol(text, name_or_path)
+
+
+def _class_text(name: str) -> str:
+    """The description that a class brings, with the class's own identity: what a session keeps."""
+    found = load_wire_class(name)
+    document, _ = read_document(found.format.description, f"description of the protocol class {name}")
+    identity = {"distribution": found.distribution, "version": found.version, "sha256": found.sha256}
+    return yaml.safe_dump(document | {"framing": {"kind": "class", "name": name, **identity}}, sort_keys=False)
 
 
 def built_in_names() -> tuple[str, ...]:

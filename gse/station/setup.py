@@ -108,6 +108,8 @@ def set_up(
         else:
             protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
         protocol = addressed(protocol, station)
+        if protocol.remark:
+            tell(protocol.remark)
         setup = _loaded(station, station_text, protocol, utc_ns, recorded_answers)
         tell(f"star tables are ready; compiling the identifier {setup.identifier.name}")
         _warm_up(setup.identifier, setup.camera)
