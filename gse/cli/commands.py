@@ -26,7 +26,7 @@ COMMANDS = {
     "align": "fit the direction of the mount",
     "compare": "compare sessions, or one session under two identifiers",
     "conventions": "name the convention of the sensor's own answers",
-    "session": "show, verify, recover, trim or export a session",
+    "session": "show, verify, recover, trim, export or import a session",
     "decode": "list the frames and the discarded bytes of a session or raw capture",
     "protocol": "check the description or the class of a wire format",
     "config": "write, check or show a station file",
@@ -96,6 +96,10 @@ EXAMPLES = {
     "session trim": (
         "gse session trim session.mcap --from 2026-03-20T18:30:00Z --out part.mcap",
         "gse session trim session.mcap --to 2026-03-20T19:00:00Z",
+    ),
+    "session import": (
+        "gse session import capture.bin --station roof.yaml --start-utc 2026-03-20T18:30:00Z",
+        "gse session import capture.bin --start-utc 2026-03-20T18:30:00Z --clock-error 20ms -o night.mcap",
     ),
     "session export": (
         "gse session export session.mcap --format parquet --out tables",

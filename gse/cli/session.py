@@ -1,4 +1,4 @@
-"""``gse session``: show, verify, recover, trim and export sessions."""
+"""``gse session``: show, verify, recover, trim, export and import sessions."""
 
 import json
 import sys
@@ -14,6 +14,7 @@ from drivers.session_file.records import RX
 from drivers.whole_file import new_file
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.files import damage_code
+from gse.cli.options import station_option
 from gse.errors import UsageError
 from gse.values import instant
 
@@ -123,6 +124,32 @@ def trim(
             f"{path} holds nothing from {from_utc or 'its start'} to {to_utc or 'its end'}; see 'gse session info'"
         )
     _report(ctx, copied, as_json)
+
+
+@command.command("import")
+@click.argument("capture", metavar="CAPTURE", type=click.Path(path_type=Path))
+@station_option
+@click.option("--start-utc", required=True, help="UTC of the first panorama, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--clock-error", "clock_error", help="A bound of the error of --start-utc: 0.1s, 20ms.")
+@_out
+def import_(
+    capture: Path, station_path: Path | None, start_utc: str, clock_error: str | None, out: Path | None
+) -> None:
+    """Make a session of a raw capture that another program wrote.
+
+    gse report, view, why and compare take the session; it has the station file, and the same report as a replay of the
+    capture.
+    """
+    from gse.config.choice import station_of
+    from gse.sessions.imported import import_capture
+    from gse.statistics.clock_health import stated_error_s
+
+    station, text = station_of(station_path)
+    path = out or capture.with_suffix(".mcap")
+    error_s = None if clock_error is None else stated_error_s(clock_error)
+    size = import_capture(capture, path, station, text, start_utc, error_s)
+    click.echo(path)
+    click.echo(f"{size} bytes of {capture}; its report: gse report {path}", err=True)
 
 
 @command.command()

@@ -12,9 +12,11 @@ from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import UsageError
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
+from gse.sessions.imported import stated_start_ns
 from gse.sessions.replay import ReplayOptions
 from gse.sessions.sealed_station import sealed, unsealed
 from gse.station.reception import Reception
+from gse.station.setup import addressed
 from gse.truth import EarthOrientation
 from gse.values.panorama import Panorama
 from protocols import Protocol, load_protocol, parse_protocol
@@ -36,11 +38,16 @@ class Recording:
     protocol: Protocol
     earth_orientation: EarthOrientation | None
     damaged: bool = False
+    anchor_utc_ns: int | None = None
 
     def panoramas(self) -> Iterator[Panorama]:
         """The panoramas, in order, through the same link and reception as a live sensor's."""
-        anchor_ns = None if is_session(self.path) else self.options.anchor_utc_ns
-        reception = Reception(self.protocol, baudrate=self.station.port.baudrate, anchor_utc_ns=anchor_ns)
+        reception = Reception(
+            addressed(self.protocol, self.station),
+            baudrate=self.station.port.baudrate,
+            anchor_utc_ns=self.anchor_utc_ns,
+            time=self.station.sensor.time,
+        )
         with SerialLink(self.options.url(self.path), self.station.port.baudrate) as link:
             while not link.at_end:
                 chunks = (item for item in link.receive(RECEIVE_TIMEOUT_S) if isinstance(item, Chunk))
@@ -82,7 +89,8 @@ def open_recording(
         protocol = load_protocol(station.protocol)
     orientation = attachments.get(EARTH_ORIENTATION)
     earth_orientation = EarthOrientation.from_json(orientation) if orientation else None
-    return Recording(path, options, station, text, protocol, earth_orientation, recorded.damaged)
+    anchor_utc_ns = stated_start_ns(attachments)
+    return Recording(path, options, station, text, protocol, earth_orientation, recorded.damaged, anchor_utc_ns)
 
 
 def _raw_capture(path: Path, options: ReplayOptions, change: Callable[[StationText], StationText]) -> Recording:
@@ -92,4 +100,6 @@ def _raw_capture(path: Path, options: ReplayOptions, change: Callable[[StationTe
             "panorama, for example --start-utc 2026-03-20T18:30:00Z"
         )
     station, text = change((parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT))
-    return Recording(path, options, station, text, load_protocol(station.protocol), None)
+    return Recording(
+        path, options, station, text, load_protocol(station.protocol), None, anchor_utc_ns=options.anchor_utc_ns
+    )

@@ -26,6 +26,7 @@ from gse.recording.session_format import (
     RecordedTimings,
     read_recorded,
 )
+from gse.sessions.imported import stated_start_ns
 from gse.sessions.sealed_station import names_program, sealed, unsealed
 from gse.sessions.status_file import is_being_recorded
 from gse.station.events import StationKind
@@ -177,7 +178,8 @@ def station_in_force(attachments: Mapping[str, str], change: Callable[[StationTe
     station, text = change((frozen, text))
     protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
     keeps_identifier = station.identifier.facts() == frozen.identifier.facts()
-    if STATION not in attachments and (text == BUILT_IN_TEXT or "port" not in station.model_fields_set):
+    is_capture = STATION not in attachments or stated_start_ns(attachments) is not None
+    if is_capture and (text == BUILT_IN_TEXT or "port" not in station.model_fields_set):
         station = station.model_copy(update={"port": _CAPTURED})
     return StationInForce(
         unsealed(station, has_protocol=protocol_text is not None), text, protocol_text, keeps_identifier
@@ -208,7 +210,7 @@ def _loop(
         setup,
         earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),
         given_orientation=given,
-        anchor_utc_ns=None if recorded else options.anchor_utc_ns,
+        anchor_utc_ns=stated_start_ns(attachments) if recorded else options.anchor_utc_ns,
         # A raw capture has no recorded times, another identifier none of its own; those of this host would make reports
         # differ.
         recorded=recorded.timings if recorded and force.keeps_identifier else RecordedTimings(),

@@ -1,13 +1,15 @@
-"""gse session: info, verify, recover, trim, export."""
+"""gse session: info, verify, recover, trim, export, import."""
 
 import csv
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from devices.command_line import runner
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
@@ -151,3 +153,23 @@ def test_a_missing_or_foreign_file_is_told_in_words(tmp_path: Path, words: list[
         error = run(*words, tmp_path / name).exception
         assert isinstance(error, CaptureError)
         assert "session" in str(error) or "recording" in str(error)
+
+
+def test_an_imported_capture_gives_the_report_of_the_capture_itself(tmp_path, capsys):
+    gse = runner(capsys)
+    protocol = load_protocol("panorama-v1")
+    messages = [replace(PanoramaMessage.empty(), time_us=5_000_000 + 100_000 * n, frame_no=n) for n in range(40)]
+    capture = tmp_path / "night.bin"
+    capture.write_bytes(b"".join(protocol.encode(message, n) for n, message in enumerate(messages)))
+    start = ("--start-utc", "2026-03-20T15:00:00Z", "--clock-error", "10ms")
+    done = gse("session", "import", capture, *start)
+    session = tmp_path / "night.mcap"
+    assert (done.code, done.out.strip()) == (0, str(session))
+    gse("replay", capture, *start, "--out", tmp_path / "a")
+    gse("replay", session, "--out", tmp_path / "b")
+    [mine], [theirs] = ([json.loads(path.read_text()) for path in (tmp_path / of).glob("*/report.json")] for of in "ab")
+    assert mine == theirs
+    again = gse("session", "import", capture, *start)
+    assert (again.code, "exists; nothing is overwritten" in again.err) == (2, True)
+    again = gse("session", "import", session, *start)
+    assert (again.code, "is a session already" in again.err) == (2, True)
