@@ -113,6 +113,14 @@ def test_two_pointings_that_are_as_frequent_tell_no_other_sky(elsewhere, false):
     assert counted_frames(made).false.sum() == false
 
 
+def test_between_two_pointings_that_are_as_frequent_nothing_is_shared():
+    """An answer that nothing confirms is judged by truth itself, and not by what lies between both."""
+    made = session(61, noise=1.0)
+    made.frames.columns["cross_x_arcsec"][:30] += 72_000.0
+    made.frames.columns["answer_check"][60] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    assert false_rows(made) == []
+
+
 def test_answers_of_other_stars_are_false_and_judged_though_there_is_no_truth():
     made = session(60)
     frames = made.frames.columns
