@@ -55,6 +55,7 @@ def conclude(
     own_elapsed_us: "array[float]",
     *,
     plots: bool,
+    paper: bool = False,
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     _give_back(session)  # before what draws is imported
@@ -66,7 +67,7 @@ def conclude(
     report = summarise(session, assessment)
     spare_pandas()
     try:
-        write_report(session, assessment, folder, provenance(session.versions, _self_check()), plots=plots)
+        write_report(session, assessment, folder, provenance(session.versions, _self_check()), plots=plots, paper=paper)
         write_whole(folder / "timing.json", [json.dumps(_timing(own_elapsed_us), indent=2) + "\n"])
     except (UsageError, OSError) as error:
         # The verdict is shown even if its file cannot be written.

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -115,7 +115,7 @@ _output = gathered(
         type=click.Path(path_type=Path, file_okay=False),
         help="New folder for the report; default: 'report' beside FILE, numbered where there is one.",
     ),
-    click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome."),
+    click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf beside it."),
     click.option(
         "--screenshot",
         type=click.Path(path_type=Path, dir_okay=False),
@@ -160,12 +160,24 @@ def command(
 def _report_one(path: Path, judging: _Judging, output: _Output, printed: Printed) -> int:
     """Write and show the report of a session; the exit code."""
     from gse.report.printing import find_browser, print_to_pdf, save_picture
+    from gse.report.summary import summarise
 
     browser = find_browser() if output.pdf or output.screenshot else None
     judged = judging.judged(path)
-    folder = _new_folder(output.out, path)
-    with working("drawing the report"):
-        report = conclude(judged.session, judged.assessment, folder, judged.own_elapsed_us, plots=output.plots)
+    report = summarise(judged.session, judged.assessment)
+    as_it_is = output.pdf and output.out is None and not printed.paper
+    written = _written(path, report) if as_it_is else None
+    folder = written or _new_folder(output.out, path)
+    if written is None:
+        with working("drawing the report"):
+            conclude(
+                judged.session,
+                judged.assessment,
+                folder,
+                judged.own_elapsed_us,
+                plots=output.plots,
+                paper=printed.paper,
+            )
     if browser and output.pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and output.screenshot:
@@ -174,6 +186,19 @@ def _report_one(path: Path, judging: _Judging, output: _Output, printed: Printed
     show_report(report, path, printed)
     show_path(folder)
     return say_exit_code(applied(report, folder, data_lost=DAMAGED if judged.session.truncated else ""))
+
+
+def _written(path: Path, report: dict[str, Any]) -> Path | None:
+    """The folder of the session's own report.html, where that says what is judged now."""
+    from gse.report.page import NO_PLOTS
+    from gse.report.provenance import fingerprint, fingerprint_in
+    from gse.report.verification import read_page
+
+    page = (path if path.is_dir() else path.parent) / "report.html"
+    if not page.is_file():
+        return None
+    text = read_page(page)
+    return page.parent if fingerprint_in(text) == fingerprint(report) and NO_PLOTS not in text else None
 
 
 def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output, printed: Printed) -> int:

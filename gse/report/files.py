@@ -92,13 +92,14 @@ def write_report(
     made_by: Provenance | None = None,
     *,
     plots: bool = True,
+    paper: bool = False,
 ) -> dict[str, Path]:
     """Write report.json, report.html, frames.csv, junit.xml and provenance.json; their paths by name.
 
     All but provenance.json and the last page of report.html, which say what the report is ``made_by``, follow from the
     session, its station file and the version alone. An earlier report in the folder is replaced once all files are
     written, or not at all. report.json comes last: where it stands, the report is whole. ``plots`` are most of the time
-    it takes.
+    it takes; ``paper``: with Table 4-1 of the LAPAN paper.
     """
     if not folder.is_dir():
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
@@ -110,7 +111,8 @@ def write_report(
         with whole_files() as write:
             with ThreadPoolExecutor(1) as beside:  # most of frames.csv is Arrow's work, which lets the plots be drawn
                 csv = beside.submit(write, paths["frames.csv"], rows)
-                write(paths["report.html"], [report_html(session, assessment, report, made_by, plots=plots)])
+                page = report_html(session, assessment, report, made_by, plots=plots, paper=paper)
+                write(paths["report.html"], [page])
             csv.result()
             write(paths["junit.xml"], [junit_xml(report)])
             write(paths["provenance.json"], [_json(made_by | {"report_sha256": report_sha256(report)})])

@@ -15,9 +15,10 @@ from jinja2.bccache import Bucket
 from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
-from gse.config.station import DocumentedTest
+from gse.config.station import DocumentedTest, Station
 from gse.process.jit import compiled_folder
 from gse.report.metric_table import metric_table
+from gse.report.paper import LIMIT_DEG
 from gse.report.provenance import Provenance, canonical, fingerprint
 from gse.report.terminal import further_lines, is_simple, quantity, risk_text
 from gse.station.results import Subject
@@ -48,6 +49,8 @@ _AXIS_COLUMNS = (
 _MAX_EVENTS = 200
 NO_PLOTS = '<meta name="gse-plots" content="none">'
 """Mark in the head of a page without plots."""
+PAPER = '<h2 id="paper">'
+"""Where a page has Table 4-1 of the LAPAN paper."""
 _ARCSEC_PER_DEG = 3600.0
 
 
@@ -58,8 +61,12 @@ def report_html(
     made_by: Provenance | None = None,
     *,
     plots: bool = True,
+    paper: bool = False,
 ) -> str:
-    """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
+    """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session.
+
+    ``paper``: with Table 4-1 of the LAPAN paper, which a station that asks what the paper asks shows anyway.
+    """
     times_recorded = bool((np.nan_to_num(session.frames.columns["elapsed_us"]) > 0).any())
     sends_panoramas = session.subject is not Subject.SENSOR
     drawn = _drawn(session, assessment, times_recorded=times_recorded) if plots else None
@@ -81,7 +88,8 @@ def report_html(
         zero_point_mag=zero_point_mag(session.frames.columns),
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
-        metric_tables={subject: metric_table(report["metrics"], subject) for subject in report["accuracy"]},
+        metric_tables={subject: _metrics(report, subject) for subject in report["accuracy"]},
+        paper=paper or _asks_as_the_paper(session.station),
         events=[(instant.to_text(event.utc_ns, 0), event.kind, event.text) for event in session.events[:_MAX_EVENTS]],
         events_more=max(len(session.events) - _MAX_EVENTS, 0) + session.events_not_kept,
         station_text=plain_lines(session.station_text),
@@ -145,6 +153,27 @@ def _terms(budget: dict[str, Any]) -> dict[str, Any]:
             "together_arcsec": together,
         },
     }
+
+
+_LEAST_RANGE_K = 5.0
+"""Temperatures that differ by less tell nothing of what the temperature does."""
+_OF_TEMPERATURE = "thermo-elastic error"
+
+
+def _metrics(report: dict[str, Any], subject: str) -> dict[str, Any]:
+    """The lines of the metrics that are known, and the names of the others."""
+    warm = report["session"]["temperature_c"]
+    has_range = warm["min"] is not None and warm["max"] - warm["min"] >= _LEAST_RANGE_K
+    lines = metric_table(report["metrics"], subject)
+    known = [line for line in lines if set(line[3]) != {"–"} and (has_range or line[0] != _OF_TEMPERATURE)]
+    return {"known": known, "absent": [line[0] for line in lines if line not in known]}
+
+
+def _asks_as_the_paper(station: Station) -> bool:
+    """Whether a station tests the technique of the LAPAN paper against its limit."""
+    limit_arcsec = LIMIT_DEG * _ARCSEC_PER_DEG
+    limits = (station.limits.d_ra_cosde_arcsec, station.limits.d_de_arcsec)
+    return station.identifier.algorithm == "neighbour" and all(math.isclose(one, limit_arcsec) for one in limits)
 
 
 def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:

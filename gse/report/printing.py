@@ -1,5 +1,6 @@
 """report.html as PDF or as a picture, by a browser that is at hand."""
 
+import itertools
 import os
 import shutil
 import subprocess
@@ -26,8 +27,9 @@ def find_browser() -> Path:
 
 
 def print_to_pdf(browser: Path, page: Path) -> Path:
-    """Print a page; the PDF stands beside it."""
-    pdf = page.with_suffix(".pdf")
+    """Print a page; the new PDF stands beside it, numbered where there is one."""
+    numbered = (page.with_name(f"{page.stem}-{number}.pdf") for number in itertools.count(2))
+    pdf = next(path for path in (page.with_suffix(".pdf"), *itertools.islice(numbered, 998)) if not path.exists())
     _run(browser, page, pdf, "--no-pdf-header-footer", f"--print-to-pdf={pdf.absolute()}")
     return pdf
 

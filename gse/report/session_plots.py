@@ -12,7 +12,7 @@ from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import Statistics
 
 _PLOTS_OF_SUBJECT = (
-    ("errors", 4.0, draw_errors),
+    ("errors", 3.0, draw_errors),
     ("paper", 3.6, draw_paper),
     ("scatter", 3.6, draw_scatter),
     ("histogram", 2.4, draw_histogram),

@@ -271,5 +271,5 @@ def _serial(session: SessionData) -> str | None:
 
 def _verdict(assessment: Assessment | None) -> Iterator[TableCell]:
     """``damaged`` is the column ``truncated`` of the conditions."""
-    yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget", "damaged"))
+    yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget", "damaged", "growing"))
     yield records(Row, assessment.rows if assessment else None, "measurements")

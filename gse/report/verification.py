@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers.host_files import only_a_file
 from gse.errors import UsageError
-from gse.report.page import NO_PLOTS, report_html
+from gse.report.page import NO_PLOTS, PAPER, report_html
 from gse.report.provenance import fingerprint, fingerprint_in, provenance_in
 from gse.report.summary import summarise
 from gse.station.session_data import SessionData
@@ -63,7 +63,8 @@ def verify(page: str, session: SessionData, assessment: Assessment) -> Verificat
     if stated["version"] != found["version"]:
         line = f"made by gse {stated['version']}, this is {found['version']}: verify it with that version"
         return Verification(Answer.ANOTHER_VERSION, line)
-    again = report_html(session, assessment, report, provenance_in(page), plots=NO_PLOTS not in page)
+    shown = {"plots": NO_PLOTS not in page, "paper": PAPER in page}
+    again = report_html(session, assessment, report, provenance_in(page), **shown)
     return compare_pages(page, again, stated, found)
 
 

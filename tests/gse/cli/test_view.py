@@ -1,6 +1,7 @@
 """``gse view`` and ``gse report`` on a recorded session."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -136,3 +137,20 @@ def test_a_missing_or_foreign_file_is_told_in_a_line(gse: Gse, tmp_path: Path, c
         assert path.name in done.err
         assert len(done.err.splitlines()) <= 2
     assert not (tmp_path / "x.rrd").exists()
+
+
+def test_a_pdf_stands_beside_the_report_that_is_there_and_over_no_older_one(
+    gse: Gse, session: Path, tmp_path: Path
+) -> None:
+    chromium()
+    folder = tmp_path / "night"
+    shutil.copytree(session, folder)
+    assert gse("report", session, "--plots", "--out", tmp_path / "plotted").code == 0
+    shutil.copy(tmp_path / "plotted" / "report.html", folder)
+    (folder / "report.pdf").write_text("an older one")
+    before = {path.name for path in folder.iterdir()}
+    done = gse("report", folder, "--pdf")
+    assert f"PDF: {folder / 'report-2.pdf'}" in done.err
+    assert {path.name for path in folder.iterdir()} - before == {"report-2.pdf"}
+    assert (folder / "report-2.pdf").read_bytes()[:5] == b"%PDF-"
+    assert (folder / "report.pdf").read_text() == "an older one"

@@ -33,6 +33,9 @@ def test_it_opens_offline_with_the_verdict_in_sight_and_no_request(page: Path, v
         verdict = seen.page.locator(".verdict strong").first.bounding_box()
         assert verdict["y"] + verdict["height"] < 700
         assert seen.page.locator(".verdict strong").first.inner_text() == "FAIL"
+        seen.page.set_viewport_size({"width": 390, "height": 844})
+        outcome = seen.page.locator("td.FAIL").first.bounding_box()
+        assert outcome["x"] + outcome["width"] <= 390, "the outcome of a row is in sight on a phone"
         assert seen.hosts() == set()
         assert seen.errors == []
 
@@ -45,7 +48,7 @@ def test_nothing_sticks_out_of_the_page_on_a_screen_or_a_phone(page: Path, visit
             assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
             for figure in seen.page.locator("figure svg").all():
                 box = figure.bounding_box()
-                assert box["width"] > 0.6 * width
+                assert box["width"] > (0.6 if width < 900 else 0.4) * width  # in pairs on a wide screen
                 assert box["height"] > 50
                 assert box["x"] + box["width"] <= width
 
@@ -70,4 +73,4 @@ def test_it_prints_to_pages_that_hold_every_section(page: Path) -> None:
         "Configuration",
     ):
         assert section in text
-    assert 4 <= text.count("\f") <= 12
+    assert text.count("\f") <= 6  # two of them are its truth uncertainty budget

@@ -59,7 +59,7 @@ def test_what_the_station_file_states_is_in_the_report(stated) -> None:
     assert requirements["mean |roll|"] is None
     for words in ("T-7", "2026-031", "SS-100 (test)", "SS-101 (missing)", "G-5, calibrated 2026-01-31", "Moon was up"):
         assert words in page
-    assert page.index("Decision rule") < page.index("T-7") < page.index("Errors against time</h2>")
+    assert page.index("Decision rule") < page.index("T-7") < page.index("Accuracy</h2>")
 
 
 def test_a_requirement_of_no_row_is_told(stated) -> None:
