@@ -173,3 +173,7 @@ def test_the_page_of_the_station_file_has_each_key() -> None:
         and not ((len(key) > 2 or key[-1] in PLUG_KEYS) and re.search(rf"\b{key[-1]}\b", "".join([page, *linked])))
     ]
     assert missing == []
+
+
+def test_the_readme_is_read_in_minutes() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 700
