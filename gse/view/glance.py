@@ -236,9 +236,10 @@ class Glance:
         so_far = self._so_far
         facts = self._facts(now)
         word = word_of(facts)
+        detail = "; ".join(filter(None, (word.detail, so_far.late)))
         return {
             "schema": SCHEMA,
-            "word": {"text": word.text, "level": word.level, "detail": word.detail},
+            "word": {"text": word.text, "level": word.level, "detail": detail},
             "ended": self.has_ended,
             "utc": instant.to_text(now.utc_ns, 1),
             "data_utc": instant.to_text(so_far.utc_ns, 3) if so_far.frames else None,

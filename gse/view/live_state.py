@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
-from drivers.clock import ClockReading
+from drivers.clock import ClockReading, read_clock
 from gse.config.station import Station
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import StationKind
@@ -88,6 +88,10 @@ VERDICT_COLOURS = {
 
 _FEWEST_FOR_SHARES = 100
 """Frames before which one lost frame would say that the availability is too low."""
+
+LATE_S = 2.0
+"""Time in a queue from which on a display says that this computer is behind."""
+_NOT_LIVE = ("sim://", "replay://")
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""
@@ -179,9 +183,10 @@ class SessionSoFar:
     """How a session stands after a batch of its results, or after an event.
 
     ``last`` is the latest error, ``latest`` holds the latest result, ``own_d_ra`` and ``own_d_de`` are of the sensor's
-    own answers. ``link_word`` is of LINK_WORDS, ``sky`` of SKY_WORDS. ``cause`` is what the station found out,
-    ``events`` are the latest ones, newest first. ``mount`` is None until it is fitted, ``stars_expected`` NaN before it
-    is known. ``readings`` of the clock and ``own_errors`` (rows of OWN_ERROR) came with the latest results.
+    own answers. ``behind_s`` is how long the latest frame waited in this computer. ``link_word`` is of LINK_WORDS,
+    ``sky`` of SKY_WORDS. ``cause`` is what the station found out, ``events`` are the latest ones, newest first.
+    ``mount`` is None until it is fitted, ``stars_expected`` NaN before it is known. ``readings`` of the clock and
+    ``own_errors`` (rows of OWN_ERROR) came with the latest results.
     """
 
     limits: Limits
@@ -211,6 +216,7 @@ class SessionSoFar:
     status: StatusMessage | None = None
     mount: Mount | None = None
     cause: str = ""
+    behind_s: float = 0.0
     events: tuple[EventLine, ...] = ()
     readings: tuple[ClockReading, ...] = ()
     own_errors: NDArray[np.void] = field(default_factory=lambda: NO_OWN_ERRORS)
@@ -330,6 +336,13 @@ class SessionSoFar:
         return f"NO ANSWER for {since_s:.0f} s, {objects}" if since_s >= NO_ANSWER_S else ""
 
     @property
+    def late(self) -> str:
+        """A sentence if what is shown is late because this computer is behind; otherwise empty."""
+        if self.behind_s < LATE_S:
+            return ""
+        return f"this computer is {self.behind_s:.0f} s behind: what is shown is late, the recording is complete"
+
+    @property
     def frames_per_s(self) -> float:
         """Frames per second of sensor time, over the last frames; NaN of fewer than two."""
         recent = self._recent_utc_ns
@@ -370,6 +383,7 @@ class LiveState:
         self.forecast = self.metrics = ""
         self.page: str | None = None
         self._displays: list[Display] = []
+        self._is_live = not station.port.url.startswith(_NOT_LIVE)
         self._own = NewOwnErrors()
         self._events = EventLines(frozenset({StationKind.NOTE, StationKind.MOUNT_TOUCHED}))
         self._said = ""
@@ -408,7 +422,15 @@ class LiveState:
             stars_expected=self._stars_expected(session),
             readings=readings,
             own_errors=own_errors,
+            behind_s=self._behind_s(session),
         )
+
+    def _behind_s(self, session: SessionData) -> float:
+        """How long ago the bytes of the latest frame came; 0 where they are simulated or replayed."""
+        if not self._is_live or not len(session.frames):
+            return 0.0
+        came_ns = int(session.frames.columns[-1:]["host_utc_ns"][0])
+        return max(0.0, (read_clock().utc_ns - came_ns) / NS_PER_S) if came_ns else 0.0
 
     def _stars_expected(self, session: SessionData) -> float:
         if len(session.frames) < self._sky_due:

@@ -147,6 +147,7 @@ class StatusLine:
         lost = so_far.link.frames_lost
         yield _LinePart(f"  {lost} lost" if lost else "", 2, _BAD)
         yield _warned(f"  sky {so_far.sky}" if so_far.sky else "", 4, so_far.sky in ("clouded", "no stars"))
+        yield _LinePart(f"  {so_far.behind_s:.0f} s behind" if so_far.late else "", 1, _BAD)
         yield _LinePart(f"  {so_far.silence}" if so_far.silence else "", 1, _BAD)
         yield _warned(f"  {percent(so_far.identified)} identified", 3, so_far.identified < limits.availability)
         yield _mean("dRA*", so_far.d_ra, limits.d_ra_cosde_arcsec)

@@ -27,6 +27,8 @@ def verdict_so_far(so_far: SessionSoFar, *, dropped: int = 0) -> str:
         f"- frames lost: {_loud(link.frames_lost)}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
         f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
     ]
+    if so_far.late:
+        lines.append(f"- **{so_far.late}**")
     if so_far.status and (housekeeping := in_words(so_far.status)):
         lines.append(f"- sensor: {housekeeping}")
     if so_far.sky:

@@ -1,15 +1,17 @@
 """The one state of a running session: what its displays read is the same, and never changes under them."""
 
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from skies.one_by_one import results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
-from drivers.clock import ClockReading
+from drivers.clock import ClockReading, read_clock
 from gse.sessions.replay import replay_session
 from gse.sessions.status_file import StatusFile
 from gse.station.events import StationKind
@@ -17,6 +19,7 @@ from gse.station.notes import Notes
 from gse.values.instant import NS_PER_S
 from gse.view.glance import Glance
 from gse.view.live_state import STATE_EVERY_NS, LiveState
+from gse.view.status import StatusLine
 from gse.view.verdict_text import headline, verdict_so_far
 
 OWN_ANSWERS = Path(__file__).parents[3] / "replays" / "golden" / "own-answers.mcap"
@@ -95,3 +98,23 @@ def test_the_status_file_says_of_the_limits_what_the_glance_page_does(shown) -> 
     assert outside == ["dRA*", "dDE"]
     assert all(f"mean |sensor {name}|" in status["so_far"] for name in outside)
     assert (status["frames"], status["identified"]) == (document["frames"], document["identified"])
+
+
+@pytest.mark.parametrize(
+    ("waited_s", "url", "is_told"), [(12, "loop://", True), (0.5, "loop://", False), (12, "sim://", False)]
+)
+def test_what_is_late_because_this_computer_is_behind_says_so_on_every_display(waited_s, url, is_told) -> None:
+    session = synthetic_night(20)
+    port = session.station.port.model_copy(update={"url": url})
+    session.station = session.station.model_copy(update={"port": port})
+    session.frames.columns["host_utc_ns"] = read_clock().utc_ns - round(waited_s * NS_PER_S)
+    live = LiveState(session.station)
+    glance = Glance(live)
+    live.on_results(results_of(list(synthetic_frames(20, trouble=False))), session)
+    glance.absorb(NOW)
+    texts = (
+        StatusLine(live, console=Console(file=io.StringIO(), width=200)).line().plain,
+        glance.document(NOW)["word"]["detail"],
+        verdict_so_far(live.so_far),
+    )
+    assert [" s behind" in text for text in texts] == [is_told] * 3

@@ -142,9 +142,8 @@ def test_before_the_first_frame_nothing_is_claimed(session) -> None:
 
 def test_mean_and_spread_so_far_are_those_of_numpy() -> None:
     values = [1.0, 4.0, -2.0, 7.5]
-    instants = np.arange(4)
-    first = ErrorsSoFar().with_errors(instants[:1], np.array(values[:1]))
-    errors = first.with_errors(instants[1:], np.array(values[1:]))
+    first = ErrorsSoFar().with_errors(np.array(values[:1]))
+    errors = first.with_errors(np.array(values[1:]))
     assert errors.mean == pytest.approx(2.625)
     assert errors.std == pytest.approx(np.std(values, ddof=1))
     assert errors.nea == pytest.approx(((9 + 36 + 90.25) / 6) ** 0.5)
