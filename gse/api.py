@@ -9,6 +9,7 @@ import logging
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -33,10 +34,16 @@ from gse.values import instant
 from gse.values.panorama import Panorama
 from gse.verdict.assessment import Assessment
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _DATASET_MARK, _MOST_MARK_BYTES = "dataset.json", 10_000
 _DATASET_SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 _SCHEMAS = {"frames": frames_schema, "stars": stars_schema}
 _PARTITIONS = ds.partitioning(pa.schema([("sensor", pa.string()), ("night", pa.string())]), flavor="hive")
+_ERRORS = ("onboard_d_ra_cosde_arcsec", "onboard_d_de_arcsec", "onboard_d_roll_arcsec")
+_COLUMNS = (("x_px", "x"), ("y_px", "y"), ("brightness", "index_value", "index"))
+"""Names that the columns of a data frame may have."""
 _log = logging.getLogger("gse")
 
 
@@ -61,6 +68,23 @@ class Results:
     def frames(self) -> pa.Table:
         """One row per panorama: time, answers of each subject, errors, sky."""
         return self._read("frames")
+
+    @property
+    def errors(self) -> pa.Table:
+        """Time and errors of each panorama: the first columns that one plots."""
+        names = self.frames.column_names
+        return self.frames.select(["utc", *(name for name in names if name in _ERRORS)])
+
+    def plot(self) -> "Figure":
+        """A figure of the errors in right ascension and declination against time."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9, 4), layout="constrained")
+        for axes, name in zip(figure.subplots(2, 1, sharex=True), _ERRORS, strict=False):
+            axes.plot(self.errors["utc"].to_numpy(), self.errors[name].to_numpy(), ".", markersize=2)
+            axes.axhline(0, color="grey", linewidth=0.8)
+            axes.set_ylabel(f"{name.split('_', 1)[1].removesuffix('_arcsec')} (arcsec)")
+        return figure
 
     @cached_property
     def stars(self) -> pa.Table:
@@ -96,7 +120,7 @@ def judge(
 
 
 def identify(
-    panorama: str | Path | tuple[ArrayLike, ArrayLike],
+    panorama: "str | Path | tuple[ArrayLike, ArrayLike] | ArrayLike | pa.Table",
     *,
     station: str | Path | None = None,
     identifier: str | None = None,
@@ -104,20 +128,43 @@ def identify(
 ) -> FrameResult:
     """The stars of one panorama with RA, DE and roll: ``.status``, ``.attitude``, ``.matches``.
 
-    ``panorama`` is the file of a panorama table, or pixels (N, 2) as x, y with brightness (N,), brightest first. With
+    ``panorama`` is the file of a panorama table; a data frame or Arrow table with columns x_px, y_px, brightness; an
+    array (N, 3) of the same; or pixels (N, 2) as x, y with brightness (N,), brightest first. With
     ``utc`` ("2026-03-20T18:30:00Z") the answer is compared with the mount of the ``station``: ``.attitude_error``.
     UsageError where the arrays are not of these shapes.
     """
     if isinstance(panorama, str | Path):
         xy_px, brightness = read_panorama_table(Path(panorama))
     else:
-        xy_px, brightness = _pixels(panorama)
+        xy_px, brightness = _pixels(_pair(panorama))
     try:
         utc_ns = instant.from_text(utc) if utc else 0
     except ValueError as error:
         raise UsageError(f"utc: {error}") from error
     setup = set_up(*with_identifier(*station_of(Path(station) if station else None), identifier))
     return StationLoop(setup).observe(Panorama(utc_ns, xy_px, brightness))
+
+
+def _pair(panorama: Any) -> Any:
+    """Pixels and brightness of a data frame, an Arrow table or an array (N, 3), brightest first; a pair as it is."""
+    names = getattr(panorama, "column_names", None) or getattr(panorama, "columns", None)
+    if names is not None:
+        return _sorted(np.column_stack([np.asarray(panorama[_column(names, known)]) for known in _COLUMNS]))
+    if isinstance(panorama, np.ndarray) and panorama.ndim == 2 and panorama.shape[1] == 3:
+        return _sorted(panorama)
+    return panorama
+
+
+def _column(names: Any, known: tuple[str, ...]) -> str:
+    found = next((name for name in known if name in list(names)), None)
+    if found is None:
+        raise UsageError(f"the table has no column {' or '.join(known)}; it has {', '.join(map(str, names)):.200}")
+    return found
+
+
+def _sorted(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    rows = rows[np.argsort(-rows[:, 2], kind="stable")]
+    return rows[:, :2], rows[:, 2]
 
 
 def _pixels(panorama: tuple[ArrayLike, ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

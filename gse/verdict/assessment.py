@@ -8,8 +8,10 @@ PASS (gse.verdict.obstacles). PASS otherwise, with what was not tested.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 
 from gse.config.station import Station
 from gse.diagnosis.diagnosis import findings
@@ -47,6 +49,8 @@ LEFT_OUT = ": neither limit nor data: "
 RELATIVE = "relative to a mount fitted on"
 """What a line of the reasons begins with that says so; it is no reason against PASS."""
 
+_REPR_COLUMNS = 110
+
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
@@ -70,6 +74,29 @@ class Assessment:
     damaged: bool
     health: SensorHealth
     growing: bool = False
+
+    def __repr__(self) -> str:
+        """Five lines at most: a notebook shows it after each ``gse.judge``."""
+        outcomes = Counter(row.outcome.value for row in self.rows)
+        lines = [
+            f"<gse verdict: {self.word}{' (SIMULATED)' if self.simulated else ''}, {self.statistics.frames} frames",
+            *(f" {reason}" for reason in self.reasons[:2]),
+            f" rows: {', '.join(f'{count} {outcome}' for outcome, count in outcomes.items())}",
+            " .rows .reasons .findings .statistics .budget .not_tested>",
+        ]
+        return "\n".join(line if len(line) <= _REPR_COLUMNS else f"{line[: _REPR_COLUMNS - 4]} ..." for line in lines)
+
+    def _repr_html_(self) -> str:
+        """The verdict and its rows, as Jupyter shows them."""
+        head = f"{self.word}{' (SIMULATED)' if self.simulated else ''}"
+        reasons = "".join(f"<li>{escape(reason)}</li>" for reason in self.reasons)
+        rows = "".join(
+            f"<tr><td>{row.subject}</td><td>{escape(row.name)}</td><td>{row.value:.4g}</td><td>{row.uncertainty:.3g}</td>"
+            f"<td>{row.limit:g} {row.unit}</td><td>{row.outcome}</td></tr>"
+            for row in self.rows
+        )
+        names = "".join(f"<th>{name}</th>" for name in ("subject", "row", "value", "U 95 %", "limit", "outcome"))
+        return f"<b>{escape(head)}</b><ul>{reasons}</ul><table><tr>{names}</tr>{rows}</table>"
 
     @property
     def word(self) -> str:

@@ -7,17 +7,21 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pyarrow as pa
 import pytest
 
 import gse
 from gse.errors import UsageError
+from gse.imaging.panorama_table import read_panorama_table
 from gse.report.frames_table import frames_schema
 from gse.report.parquet import write_parquet
 from gse.report.sessions_table import sessions_schema
 from gse.report.stars_table import stars_schema
 
 ROOT = Path(__file__).parents[2]
+STATION = ROOT / "replays/night-sky/rooftop-alt60-azi45.yaml"
+TABLE = ROOT / "replays/night-sky/tables/rooftop-alt60-azi45.csv"
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +73,7 @@ def test_the_tables_have_the_documented_columns(session: Path) -> None:
 
 def test_what_is_no_session_or_panorama_is_refused_in_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no session")
-    with pytest.raises(UsageError, match="is not a session"):
+    with pytest.raises(UsageError, match="no valid frame"):
         gse.load(tmp_path / "notes.txt")
     with pytest.raises(UsageError, match="is not on this host"):
         gse.load("s3://nights/dataset")
@@ -106,3 +110,29 @@ def test_gse_alone_imports_nothing_heavy() -> None:
     with pytest.raises(AttributeError, match="no attribute 'jugde'"):
         _ = gse.jugde  # type: ignore[attr-defined]
     assert dir(gse) == ["identify", "judge", "load"]
+
+
+def test_a_verdict_is_five_lines_and_a_table_in_a_notebook(session) -> None:
+    verdict = gse.judge(session)
+    lines = repr(verdict).splitlines()
+    assert len(lines) <= 5
+    assert all(len(line) <= 110 for line in lines)
+    assert lines[0].startswith(f"<gse verdict: {verdict.word} (SIMULATED), ")
+    html = verdict._repr_html_()
+    assert html.count("<tr>") == 1 + len(verdict.rows)
+    assert "mean |dRA*|" in html
+
+
+@pytest.mark.parametrize("kind", ["data frame", "table", "array"])
+def test_a_panorama_may_be_a_data_frame_a_table_or_an_array_in_any_order(kind) -> None:
+    xy_px, brightness = read_panorama_table(TABLE)
+    rows = np.column_stack([xy_px, brightness])[::-1]
+    columns = dict(zip(("x_px", "y_px", "brightness"), rows.T, strict=True))
+    given = {"data frame": pandas.DataFrame(columns), "table": pa.table(columns), "array": rows}[kind]
+    expected, found = (gse.identify(one, station=STATION) for one in (TABLE, given))
+    assert found.attitude.ra_deg == pytest.approx(expected.attitude.ra_deg, abs=1e-9)
+
+
+def test_a_table_without_its_columns_is_told_which_it_has() -> None:
+    with pytest.raises(UsageError, match="no column x_px or x; it has a, b"):
+        gse.identify(pandas.DataFrame({"a": [1.0], "b": [2.0]}))
