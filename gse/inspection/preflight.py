@@ -27,6 +27,7 @@ from gse.inspection.plausibility import Check, CheckOutcome, plausibility
 from gse.process.jit import WITHOUT_A_PLACE, machine_code_folder, why_without_a_place
 from gse.station.setup import ORION_RA_DE_DEG, example_places, sensor_description
 from gse.station.unreadable_bytes import what_fits
+from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
@@ -203,7 +204,7 @@ def _clock(station: Station) -> Check:
             CheckOutcome.FAIL,
             f"the clock is not synchronised ({clock.source}); "
             f"1 s of error is {EARTH_RATE_ARCSEC_PER_S:.0f} arcsec of RA",
-            "start chrony, ntpd or systemd-timesyncd, or state a measured bound: gse run --clock-error 0.1s",
+            CLOCK_REMEDY,
         )
     bound_s = abs(clock.offset_s) + clock.error_bound_s
     text = f"{clock.source}, within {bound_s * 1e3:.1f} ms = {bound_s * EARTH_RATE_ARCSEC_PER_S:.2g} arcsec of RA"

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from gse.station.exclusions import Cause
+from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.statistics.decision import Outcome
 from gse.values.limits import Decision
 from gse.values.text import count_text
@@ -20,9 +21,10 @@ SET_UP = "set-up: "
 
 _NO_SKY = (Cause.NO_SKY, Cause.NO_OBJECTS)
 _NIGHT_STEP = "repeat it under a clear, dark sky, without a lens cap; when it is dark: gse preflight --station FILE"
-_CLOCK_STEP = "run chrony on this computer, or state the measured error of its clock: --clock-error 0.1s"
+_CLOCK_STEP = f"{CLOCK_REMEDY}; for this session: gse report SESSION --clock-error 0.1s"
 _CLOCK_WORD = "clock leaves an unknown error"
 _UNREADABLE_STEP = "find the protocol: gse decode --try SESSION"
+_LINE_STEP = "look at what did not arrive whole, then at cable and baud rate: gse decode SESSION --discards"
 _STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
 _PLAN_STEP = "see how much longer a session must be: gse plan SESSION"
 _LABELS = (("reason", "why"), ("cause", "cause"), ("note", "note"), ("next", "next"))
@@ -150,6 +152,9 @@ def _obstacles(report: dict[str, Any]) -> Iterator[str]:
 def _found(report: dict[str, Any]) -> tuple[str, str, list[str]]:
     """The cause, what cannot be told apart from it, and what to do about all causes."""
     steps = [item["next_step"] for item in report["diagnosis"] if item["next_step"]]
+    clock = next((reason for reason in report["reasons"] if _CLOCK_WORD in reason), None)
+    if clock and not any(item["is_gross"] for item in report["diagnosis"]):
+        return clock.partition("; ")[0], "", [_CLOCK_STEP, *steps]
     if report["diagnosis"]:
         first = report["diagnosis"][0]
         return f"{first['cause']}: {first['size']}", ", ".join(first["equals"]), steps
@@ -157,6 +162,10 @@ def _found(report: dict[str, Any]) -> tuple[str, str, list[str]]:
     cause, _, step = set_up.removeprefix(SET_UP).partition("; next: ")
     if not cause and report["verdict"] != "PASS":
         cause = next(_obstacles(report), "")
+    link = report["link"]
+    if not cause and report["verdict"] == "FAIL" and link["frames_lost"]:
+        lost, discarded = count_text(link["frames_lost"], "frame"), count_text(link["bytes_discarded"], "byte")
+        return f"the line: {lost} lost, {discarded} discarded", "", [_LINE_STEP]
     return cause, "", [step] if step else steps
 
 
@@ -171,8 +180,6 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
         steps.append(_UNREADABLE_STEP)
     if not steps and _saw_no_sky(report):
         steps.append(_NIGHT_STEP)
-    if any(_CLOCK_WORD in reason for reason in report["reasons"]):
-        steps.append(_CLOCK_STEP)
     if not steps:
         steps.append(_PLAN_STEP if report["verdict"] == "INCONCLUSIVE" else "look at the errors: gse view SESSION")
     return list(dict.fromkeys(steps))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.station.attitude_error import attitude_error
+from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.statistics.uncertainty import TO_STANDARD, Distribution, Term
 from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor
 from gse.values.attitude import Attitude
@@ -212,7 +213,7 @@ def clock(error_s: float, at: ChangedTruth) -> Term:
         roll,
         evidence="B: the bound of the kernel's clock discipline, or as stated by --clock-error",
         explanation="the sky turns by 15 arcsec in a second",
-        remedy="synchronise the clock, or state its error if it was measured: --clock-error 0.1s",
+        remedy=CLOCK_REMEDY,
         distribution=Distribution.RECTANGULAR,
         corrected=False,
     )

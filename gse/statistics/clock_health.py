@@ -18,6 +18,9 @@ from gse.station.frame_columns import Columns
 from gse.statistics.slopes import theil_sen
 from gse.values.instant import NS_PER_S
 
+CLOCK_REMEDY = "run chrony on this computer, or measure the error of its clock and state it: --clock-error 0.1s"
+"""What to do about a clock of unknown error, in the same words wherever it is named."""
+
 _BLOCKS = 60
 _MIN_DRIFT_S = 30.0
 """Arrival jitters by up to 20 ms, its least value by 30 us: over 30 s that is 1 ppm."""

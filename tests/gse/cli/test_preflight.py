@@ -45,7 +45,7 @@ def checked(*arguments: object) -> tuple[dict[str, dict[str, Any]], int]:
 
 
 def test_a_simulated_night_is_ready(tmp_path: Path) -> None:
-    found, exit_code = checked("--out", tmp_path, "--at", NIGHT)
+    found, exit_code = checked("--out", tmp_path, "--start-utc", NIGHT)
     technical = ["station", "protocol", "air", "port", "clock", "disk", "cache", "earth", "catalogue"]
     sky = ["field", "mount", "baud rate", "night", "Sun", "Moon", "stars", "length"]
     assert list(found) == [*technical, *sky, "viewer"]
@@ -99,7 +99,7 @@ def test_a_full_disk_is_seen_before_the_night(tmp_path: Path) -> None:
 
 
 def test_the_text_names_each_check_and_its_outcome(tmp_path: Path) -> None:
-    text = CliRunner().invoke(preflight, ["--out", str(tmp_path), "--at", NIGHT]).stdout
+    text = CliRunner().invoke(preflight, ["--out", str(tmp_path), "--start-utc", NIGHT]).stdout
     assert text.count("OK ") == 18
 
 
@@ -132,7 +132,7 @@ def test_ports_says_what_there_is(tmp_path: Path) -> None:
 
 def test_a_user_without_a_folder_for_machine_code_is_told_that_each_start_will_compile(tmp_path: Path) -> None:
     nowhere = dict.fromkeys(("HOME", "XDG_CACHE_HOME"), os.devnull) | {"NUMBA_CACHE_DIR": "", "PYTHONWARNINGS": ""}
-    command = [sys.executable, "-m", "gse", "preflight", "--at", NIGHT, "--json"]
+    command = [sys.executable, "-m", "gse", "preflight", "--start-utc", NIGHT, "--json"]
     done = subprocess.run(command, cwd=tmp_path, env=os.environ | nowhere, capture_output=True, text=True)
     (cache,) = (check for check in json.loads(done.stdout)["checks"] if check["name"] == "cache")
     assert (cache["outcome"], done.returncode) == ("WARN", 0)

@@ -123,7 +123,7 @@ def test_a_simulated_session_has_no_night_to_come() -> None:
 def test_config_check_refuses_what_cannot_be_and_says_what_is_doubtful(tmp_path) -> None:
     path = tmp_path / "roof.yaml"
     path.write_text(ROOF)
-    done = CliRunner().invoke(config, ["check", str(path), "--at", "2026-03-05T01:00:00Z"])
+    done = CliRunner().invoke(config, ["check", str(path), "--start-utc", "2026-03-05T01:00:00Z"])
     assert done.exit_code == 0
     assert "doubtful: Sun: it comes into the field" in done.stderr
     assert "field: 14 x 14 deg" in done.stdout

@@ -16,6 +16,7 @@ from gse.report.summary import summarise
 from gse.report.terminal import plain_lines
 from gse.report.why import why_page
 from gse.sessions.replay import replay_session
+from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.verdict.assessment import judge
 from gse.view.glance_word import Facts, Phase, word_of
 
@@ -121,3 +122,26 @@ def test_bytes_without_a_frame_are_named_as_what_they_are(cloudy) -> None:
     assert told["subject"] == "LAPAN-like (onboard), no frame came"
     junk["link"] |= {"bytes_in": 0, "bytes_discarded": 0}
     assert conclusion(junk)["reason"] == "nothing came: not one byte was received"
+
+
+def test_a_clock_of_unknown_error_is_the_cause_where_nothing_gross_is_and_its_remedy_is_the_first_step(cloudy) -> None:
+    unknown = copy.deepcopy(cloudy)
+    unknown["reasons"].append(
+        f"truth is not good enough for dRA*: clock leaves an unknown error, and so on; {CLOCK_REMEDY}"
+    )
+    hot = {"cause": "hot pixels", "size": "12", "equals": [], "next_step": "list them", "is_gross": False}
+    unknown["diagnosis"] = [hot]
+    told = conclusion(unknown)
+    assert told["cause"] == "truth is not good enough for dRA*: clock leaves an unknown error, and so on"
+    assert told["next"].startswith(CLOCK_REMEDY)
+    unknown["diagnosis"] = [hot | {"is_gross": True}]
+    assert conclusion(unknown)["cause"] == "hot pixels: 12"
+
+
+def test_frames_that_a_line_lost_are_the_cause_of_a_fail_without_another(cloudy) -> None:
+    failed = copy.deepcopy(cloudy) | {"verdict": "FAIL", "diagnosis": [], "reasons": []}
+    failed["exclusions"] = []
+    failed["link"] |= {"frames_lost": 8, "bytes_discarded": 900}
+    told = conclusion(failed)
+    assert told["cause"] == "the line: 8 frames lost, 900 bytes discarded"
+    assert told["next"].endswith("gse decode SESSION --discards")

@@ -67,7 +67,7 @@ def test_a_session_is_reported_but_not_viewed(packages: Path, session: Path, tmp
     viewed = gse_without(packages, "view", session, "--save", "session.rrd", cwd=tmp_path)
     assert viewed.returncode == 2
     assert viewed.stderr.startswith("gse: rerun-sdk is not installed")
-    checked = gse_without(packages, "preflight", "--at", "2026-03-20T15:00:00Z", cwd=tmp_path)
+    checked = gse_without(packages, "preflight", "--start-utc", "2026-03-20T15:00:00Z", cwd=tmp_path)
     assert "WARN  viewer     rerun-sdk is not installed" in checked.stdout
 
 
