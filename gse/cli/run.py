@@ -4,12 +4,15 @@ import contextlib
 import json
 import os
 import signal
+import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.host_files import APPEND, READ
 from drivers.mock.urls import parse_mock_url
@@ -42,10 +45,14 @@ from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import GseError, UsageError
 from gse.process import terminal
+from gse.sessions import night
+from gse.sessions.every_night import run_every_night
 from gse.sessions.live import Ending
 from gse.sessions.status_file import is_unfinished, session_folders
 from gse.station.notes import Notes
 from gse.truth.iers_tables import GivenTables
+from gse.values import instant
+from gse.values.instant import NS_PER_S
 from gse.values.shown import Shown
 from protocols.errors import ProtocolError
 
@@ -153,6 +160,13 @@ _MOST_LISTED = 3
     callback=duration_option(least_s=0.1),
     help="Stop after this time: 90, 5m, 1h30m.",
 )
+@click.option("--from", "from_text", metavar="TIME", help="Begin then: dusk, dusk+20m, or UTC.")
+@click.option("--until", "until_text", metavar="TIME", help="End then: dawn, dawn-10m, or UTC.")
+@click.option(
+    "--every",
+    type=click.Choice(("night",)),
+    help="A session each night, from dusk until dawn.",
+)
 @live_options
 @scene_option
 @click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
@@ -171,6 +185,9 @@ def command(
     url: str | None,
     identifier: str | None,
     duration_s: float | None,
+    from_text: str | None,
+    until_text: str | None,
+    every: str | None,
     live: LiveOptions,
     scene: str | None,
     wait_port: bool,
@@ -183,12 +200,18 @@ def command(
 ) -> None:
     """Receive, record, identify, compare, show, judge.
 
-    STATION is a station file; without one a simulated sensor is tested for 60 s. Ctrl-C ends the session on a port: it
-    is judged, and the exit code is the verdict's; a second Ctrl-C leaves it without a verdict.
+    STATION is a station file; without one a simulated sensor is tested for 60 s. Ctrl-C ends the session; the exit code
+    is the verdict's.
     """
     if station_given is not None and station_path is not None:
         raise UsageError(f"two station files: {station_given} and {station_path}; give one")
     station, text = _station(station_given or station_path, url, identifier)
+    if until_text is not None and duration_s is not None:
+        raise UsageError("--until and --duration both say when the session ends; give one")
+    if every is not None:
+        if detached:
+            raise UsageError("--every night needs its process; leave out --detach, and start it by systemd or nohup")
+        ctx.exit(run_every_night(sys.argv[1:], out, _say))
     session = _Session(detach() if detached else None)
     shown: list[Shown] = []
     stage = None
@@ -200,6 +223,13 @@ def command(
     live_outputs = LiveOutputs(live, notes=notes)
     with Ending(_say) as ending, terminal.queued(_waits_for_reader(station, ending)):
         _list_unfinished(out)
+        if from_text is not None:
+            begin_ns = night.begin_ns(from_text, station.site, read_clock().utc_ns, until_text)
+            if not _wait_until(begin_ns, ending):
+                ctx.exit(EXIT_INTERRUPTED)
+        if until_text is not None:
+            now_ns = read_clock().utc_ns
+            duration_s = (night.end_ns(until_text, station.site, now_ns) - now_ns) / NS_PER_S
 
         def receive() -> "LiveSession":
             from gse.sessions.live import Operator, run_live
@@ -329,6 +359,21 @@ def _waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
     """Whether output waits for its reader: only with simulated or recorded data, until the session is to end."""
     can_wait = station.port.url.startswith(("sim://", "replay://"))
     return lambda: can_wait and not ending.asked()
+
+
+_LOOK_EVERY_S = 0.5
+
+
+def _wait_until(utc_ns: int, ending: Ending) -> bool:
+    """Wait for an instant of the host's clock; False where a signal asked for the end before."""
+    if utc_ns > read_clock().utc_ns:
+        _say(f"waiting until {instant.to_text(utc_ns, 0)}; Ctrl-C ends it")
+    pause = threading.Event()
+    while read_clock().utc_ns < utc_ns:
+        if ending.asked():
+            return False
+        pause.wait(_LOOK_EVERY_S)
+    return True
 
 
 def _list_unfinished(out: Path) -> None:
