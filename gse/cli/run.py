@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +59,8 @@ from protocols.errors import ProtocolError
 if TYPE_CHECKING:
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
+    from gse.station.loop import Listener, StationLoop
+    from gse.view.live_state import LiveState
 
 
 # Detached start: the session runs in a process without a terminal.
@@ -220,7 +222,7 @@ def command(
     elif station.screen is not None:
         stage = stage_of(station, scene)
     notes = Notes()
-    live_outputs = LiveOutputs(live, notes=notes)
+    live_outputs, alarmed = LiveOutputs(live, notes=notes), contextlib.ExitStack()
     with Ending(_say) as ending, terminal.queued(_waits_for_reader(station, ending)):
         _list_unfinished(out)
         if from_text is not None:
@@ -230,6 +232,13 @@ def command(
         if until_text is not None:
             now_ns = read_clock().utc_ns
             duration_s = (night.end_ns(until_text, station.site, now_ns) - now_ns) / NS_PER_S
+
+        def listeners(loop: "StationLoop", folder: Path, live: "LiveState") -> "Sequence[Listener]":
+            if (station.alarms.command or station.alarms.post) and not station.port.url.startswith("replay://"):
+                from gse.sessions.alarms import Alarmed
+
+                alarmed.enter_context(Alarmed(station.alarms, live, folder, notes, tell=_say))
+            return live_outputs.listeners(loop, folder, live)
 
         def receive() -> "LiveSession":
             from gse.sessions.live import Operator, run_live
@@ -247,16 +256,17 @@ def command(
                     stage.take if stage is not None else _taken(shown),
                     (lambda: stage.is_over) if stage is not None else (lambda: False),
                 ),
-                make_listeners=live_outputs.listeners,
+                make_listeners=listeners,
                 duration_s=duration_s,
                 wait_port=wait_port,
                 clock_error_s=clock_error_s,
                 given_orientation=given_orientation,
             )
+            alarmed.close()
             live_outputs.enter_judging()
             return received
 
-        with live_outputs, served(stage, _say):
+        with live_outputs, alarmed, served(stage, _say):
             report, found = session.run(receive, ending, clock_error_s, plots=plots)
             if report:
                 live_outputs.conclude(report)

@@ -111,6 +111,7 @@ _SOURCE_KEYS = (
     "limits",
     "screen",
     "test",
+    "alarms",
 )
 
 
@@ -226,6 +227,38 @@ class Port(_Section):
         return LineSettings(self.parity, self.data_bits, self.stop_bits, self.rtscts, self.xonxoff, self.rs485)
 
 
+AlarmKind = Literal["link", "no answer", "cloud", "disk", "clock"]
+ALARM_KINDS: tuple[AlarmKind, ...] = get_args(AlarmKind)
+
+
+class Alarms(_Section):
+    """What a running session tells somebody who is not there, and how; none without ``command`` and ``post``."""
+
+    on: tuple[AlarmKind, ...] = ALARM_KINDS
+    after_s: Annotated[float, Field(ge=1, le=86_400)] = 60.0
+    command: Annotated[tuple[Text, ...], Field(max_length=_MOST)] = ()
+    """A program with its arguments; the message is the last one."""
+    post: Text | None = None
+    """A URL that takes JSON by POST, or one that apprise knows."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_written(cls, value: Any) -> Any:
+        """YAML 1.1 reads the key ``on`` as true; ``after`` takes 60s or 5m."""
+        if not isinstance(value, dict):
+            return value
+        value = {"on" if key is True else key: item for key, item in value.items()}
+        if "after" in value:
+            found = _AFTER.fullmatch(str(value.pop("after")))
+            if found is None:
+                raise ValueError("alarms.after: expected a time such as 60s or 5m")
+            value["after_s"] = float(found[1]) * (60 if found[2] == "m" else 1)
+        return value
+
+
+_AFTER = re.compile(r"(\d+(?:\.\d+)?) ?(s|m)?")
+
+
 class Station(_Section):
     """A whole station file."""
 
@@ -242,6 +275,7 @@ class Station(_Section):
     screen: Screen | None = None
     """A monitor that shows the stars; ``mount.inertial`` is what it shows unless a scene says otherwise."""
     test: DocumentedTest = DocumentedTest()
+    alarms: Alarms = Alarms()
 
     @field_validator("protocol")
     @classmethod

@@ -109,7 +109,7 @@ function show(state) {
 
 // The errors over time. The server sends bins of mean, spread and extremes; here they become a running mean with its
 // band of one standard deviation. The axis follows the data: a limit that is far is a mark at its edge.
-const CLOSE_S = 600, SMOOTH_S = 20, ASK_MS = 1000, LEAST_SHARE = 0.04, GAP = 3.5, MOST_GAP_S = 10;
+const CLOSE_S = 600, LEAST_S = 60, SMOOTH_S = 20, ASK_MS = 1000, LEAST_SHARE = 0.04, GAP = 3.5, MOST_GAP_S = 10;
 const GROUP = ["MEAN", "SIGMA", "LOW", "HIGH"].length;
 const errors = {view: "sky", subject: "onboard", sends_own: false, axes: [], close: null, whole: null, marks: []};
 let plots = [], askedMs = -Infinity;
@@ -236,6 +236,11 @@ function before(u, limit, isClose) {
   ctx.restore();
 }
 
+function clockTimes(u, splits) {
+  const seconds = splits.length > 1 && splits[1] - splits[0] < 60;
+  return splits.map((time) => new Date(time * 1000).toISOString().slice(11, seconds ? 19 : 16));
+}
+
 function newPlot(node, isClose, limit) {
   const size = () => ({width: Math.max(node.clientWidth, 60), height: Math.max(node.clientHeight, 40)});
   const line = colour("--line"), dim = colour("--dim"), font = `${Math.round(rem() * 0.7)}px system-ui, sans-serif`;
@@ -244,11 +249,11 @@ function newPlot(node, isClose, limit) {
   const plot = new uPlot({
     ...size(), padding: [4, 16, 0, 0], legend: {show: false}, cursor: {y: false, points: {show: false}, drag: {x: false, y: false}},
     tzDate: (seconds) => uPlot.tzDate(new Date(seconds * 1000), "Etc/UTC"),
-    scales: {x: {time: true, range: (u, low, high) => isClose ? [high - CLOSE_S, high] : [low, Math.max(high, low + 60)]},
+    scales: {x: {time: true, range: (u, low, high) => [isClose ? Math.max(low, high - CLOSE_S) : low, Math.max(high, low + LEAST_S)]},
       y: {range: (u) => reach(u.data, limit)}},
     series: [{}, none, none, none, none, {stroke: line, width: isClose ? 3 : 2, points: {show: false}}],
     bands: [{series: [2, 1], fill: shown("38")}, {series: [4, 3], fill: shown("66")}],
-    axes: [{...axis, size: 20, gap: 2, space: 70, values: "{HH}:{mm}"}, {...axis, size: 44, gap: 3, space: isClose ? 24 : 18}],
+    axes: [{...axis, size: 20, gap: 2, space: 80, values: clockTimes}, {...axis, size: 44, gap: 3, space: isClose ? 24 : 18}],
     hooks: {drawAxes: [(u) => behind(u, limit)], draw: [(u) => before(u, limit, isClose)]},
   }, [[], [], [], [], [], []], node);
   new ResizeObserver(() => plot.setSize(size())).observe(node);
