@@ -1,6 +1,8 @@
 """The report of a campaign as one JSON object, schema gse.campaign-report/1; the page is made from it."""
 
 import math
+import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -36,7 +38,7 @@ def campaign_document(
     sessions = sessions_of(dataset, station_sha256, software_sha256())
     names = sorted({str(one.row["sensor"]) for one in sessions} - {UNKNOWN})
     sensors = [_sensor(dataset, name, [one for one in sessions if one.row["sensor"] == name], each) for name in names]
-    verdicts = [sensor["verdict"] for sensor in sensors]
+    verdicts = _deciding(sensors)
     left_out = [one for one in sessions if one.left_out]
     report = {
         "schema": SCHEMA,
@@ -45,6 +47,7 @@ def campaign_document(
         "software_sha256": sessions[0].row["software_sha256"],
         "station_sha256": station_sha256,
         "sessions": len(sessions),
+        "requirements": _requirements(sensors),
         "sensors": sensors,
         "left_out": [
             {"sensor": one.row["sensor"], "night": one.night, "source": one.row["source"], "why": one.left_out}
@@ -57,6 +60,39 @@ def campaign_document(
     }
     plain: dict[str, Any] = _plain(report)
     return plain
+
+
+def _deciding(sensors: list[dict[str, Any]]) -> list[Verdict]:
+    """The verdicts that make that of the campaign: each FAIL, and those of sensors with nights to compare.
+
+    A session of another sensor, or one of which no night counts, is listed and turns nothing.
+    """
+    several = [sensor for sensor in sensors if sensor["nights"] > 1] or sensors
+    failed = [sensor["verdict"] for sensor in sensors if sensor["verdict"] == Verdict.FAIL]
+    return [*failed, *(sensor["verdict"] for sensor in several)]
+
+
+def _requirements(sensors: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row for each requirement with a cell for each sensor, null where that has no such row."""
+    names = dict.fromkeys((row["subject"], row["name"]) for sensor in sensors for row in sensor["rows"])
+    return [
+        {"subject": subject, "name": name, "cells": [_cell(one, subject, name) for one in sensors]}
+        for subject, name in names
+    ]
+
+
+def _cell(sensor: dict[str, Any], subject: str, name: str) -> dict[str, Any] | None:
+    for row in sensor["rows"]:
+        if (row["subject"], row["name"]) == (subject, name):
+            keys = ("name", "value", "uncertainty", "limit", "unit", "outcome", "nights")
+            return {key: row[key] for key in keys} | {"of_nights": sensor["nights"] + sensor["nights_not_used"]}
+    return None
+
+
+def _unused(sessions: list[Session]) -> dict[str, int]:
+    """How many sessions are left out, by what they have in common: their reasons without numbers and details."""
+    heads = (re.sub(r"\d+", "N", one.left_out.partition(":")[0]) for one in sessions if one.left_out)
+    return dict(Counter(heads).most_common())
 
 
 def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable[[], None]) -> dict[str, Any]:
@@ -79,6 +115,8 @@ def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable
         "nights": len(nights),
         "first_night": min(nights, default=None),
         "last_night": max(nights, default=None),
+        "nights_not_used": len({one.night for one in sessions} - set(nights)),
+        "unused": _unused(sessions),
         "sessions": len(counted),
         "damaged": [one.row["source"] for one in counted if one.row["truncated"]],
         "hours": sum(float(one.row["duration_s"] or 0) for one in counted) / 3600,

@@ -133,6 +133,17 @@ def unit_of(edge_arcsec: float) -> tuple[float, str]:
     return (1 / 3600, "deg") if edge_arcsec >= _ARCSEC_PER_DEG else (1.0, "arcsec")
 
 
+_FAR = 0.6
+"""Share of a limit up to which the errors reach where it is far: a line there would flatten them."""
+
+
+def close_edge_of(values: NDArray[np.float64], limit: float) -> float:
+    """The range that shows the values; with the limit only where that is not far from them."""
+    finite = np.abs(values[np.isfinite(values)])
+    most = 1.3 * float(np.percentile(finite, _EDGE_PERCENTILE)) if len(finite) else 0.0
+    return most if 0 < most < _FAR * limit else edge_of(values, limit)
+
+
 def edge_of(values: NDArray[np.float64], limit: float) -> float:
     """The range that a plot needs: 1.3 limits, or more where most of the values lie further out."""
     finite = np.abs(values[np.isfinite(values)])

@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, PercentFormatter
 from numpy.typing import NDArray
 
 from gse.report.paper import LIMIT_DEG
-from gse.report.plot_data import PlotData, edge_of, extremes, sample, unit_of
+from gse.report.plot_data import PlotData, close_edge_of, edge_of, extremes, sample, unit_of
 from gse.report.svg import set_margins
 from gse.station.columns import SKY_CONDITIONS
 from gse.station.events import StationKind
@@ -28,7 +28,7 @@ _WITH_LEGEND_IN = 0.75
 
 
 def draw_errors(figure: Figure, data: PlotData) -> None:
-    """dRA* and dDE with their limits, frames outside, frames without an answer, and stretches left out."""
+    """dRA* and dDE on axes that follow them, frames outside their limits, without an answer, and stretches left out."""
     limits = data.session.station.limits
     set_margins(figure, bottom_in=_WITH_LEGEND_IN)
     top, bottom = figure.subplots(2, 1, sharex=True)
@@ -45,10 +45,15 @@ def _error_panel(axes: Axes, data: PlotData, axis: Axis, limit: float) -> None:
     scale, unit = unit_of(edge_of(values, limit))
     text: str | None = f"limit {limit:g} arcsec"
     values, limit = values * scale, limit * scale
-    edge = edge_of(values, limit)
+    edge = close_edge_of(values, limit)
+    axes.axhline(0, color=hex_of(GREY), linewidth=0.8)
     for sign in (1, -1):
         axes.axhline(sign * limit, color=hex_of(VERMILLION), linewidth=1, label=text)
         text = None
+        if edge < limit:
+            place, side, before = ((0.995, 0.97), "top", "+") if sign > 0 else ((0.995, 0.03), "bottom", "-")
+            words = f"limit {before}{limit:g} beyond"
+            axes.annotate(words, place, xycoords="axes fraction", ha="right", va=side, color=hex_of(VERMILLION))
     line(axes, data, values, SKY_BLUE, "measured - true")
     outside = np.flatnonzero(np.abs(values) > limit)
     shown = outside[sample(len(outside), _MAX_MARKS)]

@@ -30,7 +30,7 @@ def begin_ns(text: str, site: Site, now_ns: int, until: str | None = None) -> in
     if mark is None:
         return instant.from_text(text)
     if mark == "dawn":
-        raise UsageError("--from dawn would be a day; expected dusk, dusk+20m, or UTC such as 2026-03-20T18:30:00Z")
+        raise UsageError("--from dawn would begin a day; expected dusk, dusk+20m, or UTC such as 2026-03-20T18:30:00Z")
     dawn_ns = next_dawn_ns(site, now_ns)
     if until is not None and dawn_ns is not None and now_ns >= dawn_ns + _read(until, "--until")[1]:
         now_ns = dawn_ns + _MINUTE_NS

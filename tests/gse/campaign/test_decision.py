@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from gse.campaign.decision import ONE_NIGHT, campaign_rows, campaign_share, reasons_of, verdict_of
+from gse.campaign.document import _WORST_FIRST, _deciding
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.nights import COLUMNS, Session, _reasons, by_night, without_copies
 from gse.campaign.page import with_digits_of
@@ -212,3 +213,18 @@ def test_a_session_is_left_out_for_its_sky_where_that_was_away_in_more_than_half
 )
 def test_a_mean_is_given_to_the_second_digit_of_its_scatter(value, scatter, text):
     assert with_digits_of(value, scatter) == text
+
+
+@pytest.mark.parametrize(
+    ("sensors", "headline"),
+    [
+        ([("PASS", 9), ("INCONCLUSIVE", 1)], "PASS"),
+        ([("PASS", 9), ("INCONCLUSIVE", 0)], "PASS"),
+        ([("PASS", 9), ("INCONCLUSIVE", 2)], "INCONCLUSIVE"),
+        ([("PASS", 9), ("FAIL", 1)], "FAIL"),
+        ([("INCONCLUSIVE", 1)], "INCONCLUSIVE"),
+    ],
+)
+def test_a_foreign_or_broken_session_does_not_turn_the_headline_of_a_campaign(sensors, headline) -> None:
+    deciding = _deciding([{"verdict": verdict, "nights": nights} for verdict, nights in sensors])
+    assert next(word for word in _WORST_FIRST if word in deciding) == headline

@@ -351,7 +351,11 @@ def test_a_report_names_what_was_left_out_and_is_the_same_again(judged, gse, tmp
     assert "could not be judged" in left_out["foreign.mcap"]
     (sensor,) = report["sensors"]
     assert {row["name"]: row["nights"] for row in sensor["rows"]}["mean |dDE|"] == sensor["nights"] >= 2
+    assert [row["name"] for row in report["requirements"]] == [row["name"] for row in sensor["rows"]]
+    (cell,) = next(row["cells"] for row in report["requirements"] if row["name"] == "mean |dDE|")
+    assert cell["nights"] == sensor["nights"] == cell["of_nights"] - sensor["nights_not_used"]
     page = (tmp_path / "first" / "campaign.html").read_text()
+    assert page.index("Sensors and requirements") < page.index("Requirements of LAPAN-like over its nights")
     assert "foreign.mcap" in page
     assert "<strong>INCONCLUSIVE (SIMULATED)</strong>" in page
     assert page.count("<svg") >= 3
@@ -362,7 +366,9 @@ def test_a_sensor_that_is_not_of_the_campaign_has_a_section_of_its_own(judged, m
     copy = shutil.copytree(judged, tmp_path / "copy")
     judge_all(make_session(tmp_path / "other.mcap", 9, sensor="Other one"), copy)
     done = gse("campaign", "report", copy, "--out", tmp_path / "report", "--json")
-    assert [sensor["name"] for sensor in json.loads(done.out)["sensors"]] == ["LAPAN-like", "Other one"]
+    report = json.loads(done.out)
+    assert [sensor["name"] for sensor in report["sensors"]] == ["LAPAN-like", "Other one"]
+    assert all(len(row["cells"]) == 2 for row in report["requirements"])
     page = (tmp_path / "report" / "campaign.html").read_text()
     assert "<h2>Other one</h2>" in page
     assert "1 session in 1 night, 2026-03-09" in page

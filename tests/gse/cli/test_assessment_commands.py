@@ -198,7 +198,8 @@ def test_a_raw_capture_gives_the_same_report_each_time_without_times_of_this_hos
 @pytest.mark.parametrize("command", ["align", "calibrate"])
 def test_a_raw_capture_without_its_start_says_what_is_missing(gse, tmp_path, command):
     raw = tmp_path / "capture.bin"
-    raw.write_bytes(b"12345")
+    recorded = Path(__file__).parents[3] / "replays" / "golden" / "clear.mcap"
+    assert gse("session", "export", recorded, "--format", "raw", "--out", raw).code == 0
     done = gse(command, raw)
     assert done.code == 2
     assert "--start-utc" in done.err

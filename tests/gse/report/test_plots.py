@@ -15,7 +15,7 @@ from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from gse.report.distribution_plots import power_density
-from gse.report.plot_data import PlotData, edge_of, extremes, sample
+from gse.report.plot_data import PlotData, close_edge_of, edge_of, extremes, sample
 from gse.report.sky_plots import draw_sky
 from gse.report.svg import WIDTH_IN, svg_of
 from gse.report.time_plots import draw_errors, line
@@ -101,6 +101,9 @@ def _with(frame, attitude_error, judge):
 
 def test_the_range_of_a_graph_holds_the_limits_and_nearly_all_values() -> None:
     assert edge_of(np.array([1.0, -2.0]), 60) == 78
+    assert close_edge_of(np.full(9, 5.0), 60) == pytest.approx(6.5)  # the axis follows the errors
+    assert close_edge_of(np.full(9, 40.0), 60) == 78
+    assert close_edge_of(np.array([]), 60) == 78
     assert edge_of(np.full(100, 500.0), 60) == 600
     assert edge_of(np.array([]), 60) == 78
     assert edge_of(np.append(np.zeros(10_000), 1e6), 60) == 78
