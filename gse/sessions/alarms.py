@@ -1,7 +1,8 @@
 """Alarms of a running session: one message when something has been wrong for a while, one when it is over.
 
-A thread looks at the live state once a second, so that a session that hangs is told, too. Messages go to a program or a
-URL that the operator's station file names, and into the session as notes; a replay sends none.
+A thread looks at the live state once a second, so that a session that hangs is told, too. Messages go to a program or
+a URL that the operator's station file names, and into the session as notes; a replay sends none. The page shows an
+alarm until it is over, or somebody says there that it was seen.
 """
 
 import contextlib
@@ -77,11 +78,13 @@ class Alarmed:
             began_s = self._since.setdefault(kind, now_s)
             if kind not in self._raised and now_s - began_s >= self._asked.after_s:
                 self._raised.add(kind)
+                self._live.alarms = (*self._live.alarms, f"{kind}: {text}")
                 self._say(f"ALARM {kind}: {text}")
         for kind in [kind for kind in self._since if kind not in wrong]:
             del self._since[kind]
             if kind in self._raised:
                 self._raised.discard(kind)
+                self._live.alarms = tuple(one for one in self._live.alarms if not one.startswith(f"{kind}: "))
                 self._say(f"ALARM over, {kind}: it is well again")
 
     def _say(self, text: str) -> None:

@@ -94,6 +94,8 @@ function show(state) {
   put("disk", number(state.disk_free_gb, 1));
   put("frames", String(state.frames));
   put("frames-note", `${number(state.frames_per_s, 1)}/s, ${state.frames_lost} lost`);
+  at("alarms").hidden = !state.alarms.length;
+  put("alarm-text", state.alarms.join("; "));
   if (state.errors) takeErrors(state.errors);
   showTurn(state.turn);
   showFocus(state.focus);
@@ -386,10 +388,7 @@ at("tone").onclick = () => {
   put("tone", audio ? "tone: on" : "tone: off");
   at("tone").setAttribute("aria-pressed", String(Boolean(audio)));
 };
-at("note").onsubmit = async (event) => {
-  event.preventDefault();
-  const touched = event.submitter && event.submitter.value === "mount";
-  const text = (touched ? "mount: " : "") + at("note-text").value;
+async function leaveNote(text) {
   const send = () => fetch("note", {method: "POST", body: JSON.stringify({text}),
     headers: {"Content-Type": "application/json", "X-Gse-Token": givenToken}});
   try {
@@ -400,11 +399,18 @@ at("note").onsubmit = async (event) => {
     }
     const found = await answer.json();
     put("note-answer", found.error ?? `noted: ${found.note}`);
-    if (answer.ok) at("note-text").value = "";
+    return answer.ok;
   } catch (error) {
     put("note-answer", `not sent: ${error}`);
+    return false;
   }
+}
+at("note").onsubmit = async (event) => {
+  event.preventDefault();
+  const touched = event.submitter && event.submitter.value === "mount";
+  if (await leaveNote((touched ? "mount: " : "") + at("note-text").value)) at("note-text").value = "";
 };
+at("alarm-seen").onclick = () => leaveNote(`alarm seen: ${at("alarm-text").textContent}`.slice(0, 280));
 addEventListener("resize", fitWord);
 applyThemes();
 connect();

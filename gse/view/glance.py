@@ -254,6 +254,7 @@ class Glance:
             "axes": self._axes(),
             "stars": self._stars(),
             "sky": so_far.sky or None,
+            "alarms": list(self._live.alarms),
             "forecast": self._verdict if self.has_ended else self._live.forecast,
             **self._slow,
         }

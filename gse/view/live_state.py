@@ -89,6 +89,8 @@ VERDICT_COLOURS = {
 _FEWEST_FOR_SHARES = 100
 """Frames before which one lost frame would say that the availability is too low."""
 
+SEEN = "alarm seen"
+
 LATE_S = 2.0
 """Time in a queue from which on a display says that this computer is behind."""
 _NOT_LIVE = ("sim://", "replay://")
@@ -374,13 +376,15 @@ class LiveState:
     """A listener of the station loop that knows how the session of a ``station`` stands (``so_far``).
 
     ``forecast`` is the line on the time to a verdict and ``metrics`` a table in Markdown, both empty before they are
-    known: another thread sets them. ``page`` is the address of the live page, None without one.
+    known: another thread sets them; ``alarms`` are those that nobody has seen yet. ``page`` is the address of the
+    live page, None without one.
     """
 
     def __init__(self, station: Station) -> None:
         self.station = station
         self.so_far = SessionSoFar(station.limits)
         self.forecast = self.metrics = ""
+        self.alarms: tuple[str, ...] = ()
         self.page: str | None = None
         self._displays: list[Display] = []
         self._is_live = not station.port.url.startswith(_NOT_LIVE)
@@ -450,7 +454,9 @@ class LiveState:
                 begin = end
 
     def on_event(self, event: LinkEvent) -> None:
-        """Take an event."""
+        """Take an event; a note that begins with SEEN says that somebody knows of the alarms."""
+        if event.kind == StationKind.NOTE and event.text.startswith(SEEN):
+            self.alarms = ()
         so_far = self.so_far.with_event(event)
         if event.text != self._said:  # LOST and NO_PORT are one piece of news
             self._events.add(event)

@@ -50,9 +50,11 @@ def test_a_link_that_is_gone_for_long_gives_one_message_and_one_when_it_is_back(
     for second in (10, 11, 500):
         watch.look(second)
     assert sent == ["LAPAN-like: ALARM link: the port is gone"]
+    assert live.alarms == ("link: the port is gone",)
     link(LinkKind.STREAMING)
     watch.look(501)
     assert sent[1:] == ["LAPAN-like: ALARM over, link: it is well again"]
+    assert live.alarms == ()
     assert notes.take() == [text.removeprefix("LAPAN-like: ") for text in sent]
     link(LinkKind.STALE)
     watch.look(502)

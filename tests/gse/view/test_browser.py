@@ -193,3 +193,18 @@ def test_a_bias_of_a_quarter_of_the_limit_is_far_from_zero_and_other_axes_are_on
         seen.page.click("[data-view=across]")
         seen.page.wait_for_selector("#axis-1 h2:has-text('y (arcsec)')")
         assert seen.errors == []
+
+
+def test_an_alarm_stands_on_the_page_until_somebody_has_seen_it(visit: Visits) -> None:
+    session, notes = synthetic_night(20), Notes()
+    live = LiveState(session.station)
+    live.alarms = ("link: the port is gone",)
+    with ViewServer("127.0.0.1", 0, Content(glance=Glance(live), notes=notes)) as server, visit() as seen:
+        seen.page.goto(server.url)
+        seen.page.wait_for_selector("#alarm-text:has-text('link: the port is gone')")
+        seen.page.click("#alarm-seen")
+        seen.page.wait_for_selector("#note-answer:has-text('noted: alarm seen: link: the port is gone')")
+        (note,) = notes.take()
+        live.on_event(LinkEvent(0, 0, StationKind.NOTE, note))
+        seen.page.wait_for_selector("#alarms", state="hidden")
+        assert seen.errors == []
