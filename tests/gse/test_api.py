@@ -1,6 +1,7 @@
 """The Python interface, and the page of its documentation, which runs line by line."""
 
 import doctest
+import json
 import shutil
 import subprocess
 import sys
@@ -136,3 +137,19 @@ def test_a_panorama_may_be_a_data_frame_a_table_or_an_array_in_any_order(kind) -
 def test_a_table_without_its_columns_is_told_which_it_has() -> None:
     with pytest.raises(UsageError, match="no column x_px or x; it has a, b"):
         gse.identify(pandas.DataFrame({"a": [1.0], "b": [2.0]}))
+
+
+def test_each_cell_of_the_notebook_runs_and_shows_what_stands_there() -> None:
+    """python docs/make_notebook.py writes it; digits and pictures may differ between machines."""
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        import make_notebook
+    finally:
+        sys.path.pop(0)
+    written = json.loads((ROOT / "docs" / "notebook.ipynb").read_text(encoding="utf-8"))
+    assert len(written["cells"]) > 5
+    for kept, made in zip(written["cells"], make_notebook.notebook()["cells"], strict=True):
+        assert kept["source"] == made["source"]
+        assert [set(one.get("data", ())) for one in kept.get("outputs", ())] == [
+            set(one.get("data", ())) for one in made.get("outputs", ())
+        ]
