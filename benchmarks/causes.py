@@ -213,7 +213,10 @@ def _with_clock(model: SessionModel, fast_s: np.ndarray) -> SessionModel:
     """The same errors under a clock that is so fast (M,)."""
     more = model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * fast_s)
     series = replace(model.series, errors_arcsec=model.series.errors_arcsec + more)
-    return SessionModel.from_series(series, model.field, model.site, model.mount, is_fitted=model.is_fitted)
+    at = model.site, model.mount
+    return SessionModel.from_series(
+        series, model.field, *at, is_fitted=model.is_fitted, pixel_arcsec=model.pixel_arcsec
+    )
 
 
 def _significance(model: SessionModel, cause: str) -> float:
@@ -331,6 +334,25 @@ MISTAKES = {
     "clock drift of 2000 ppm": Mistake(("clock drift",), true=lambda w: replace(w, clock_ppm=2000.0)),
     "clock step of 1 s": Mistake(("clock step",), true=lambda w: replace(w, clock_step_s=1.0, at_s=200.0)),
     "slip of 60 arcsec": Mistake(("slip",), true=lambda w: replace(w, slip_arcsec=(40.0, 40.0, 0.0), at_s=200.0)),
+    "longitude 1 deg off": _place(
+        "longitude", longitude_deg=lambda s: s.longitude_deg + 1.0 - 2 * (s.longitude_deg > 0)
+    ),
+    "longitude 0.2 deg off": _place(
+        "longitude", longitude_deg=lambda s: s.longitude_deg + 0.2 - 0.4 * (s.longitude_deg > 0)
+    ),
+    "latitude 0.18 deg off": _place("latitude", latitude_deg=lambda s: s.latitude_deg + 0.18),
+    "latitude 0.35 deg off": _place("latitude", latitude_deg=lambda s: s.latitude_deg + 0.35),
+    "altitude 0.28 deg off": _mount("mount", altitude_deg=lambda w: w.altitude_deg + 0.28),
+    "altitude 0.32 deg off": _mount("mount", altitude_deg=lambda w: w.altitude_deg - 0.32),
+    "clock 100 s fast": _clock("clock offset", 100.0),
+    "date a year ahead": _clock("date off by a year", 365 * DAY_S),
+    "date a year behind": _clock("date off by a year", -366 * DAY_S),
+    "pixels counted from 1": Mistake(("pixel origin",), true=lambda w: replace(w, principal_point_px=(1.0, 1.0))),
+    "pixels counted from the corner": Mistake(
+        ("pixel origin",), true=lambda w: replace(w, principal_point_px=(0.5, 0.5))
+    ),
+    "columns 0.2 % wider": Mistake(("pixel pitch",), true=lambda w: replace(w, wider_columns=-2e-3)),
+    "columns 0.1 % narrower": Mistake(("pixel pitch",), true=lambda w: replace(w, wider_columns=1e-3)),
     "swing of 20 arcsec": Mistake(
         ("thermal",), true=lambda w: replace(w, wave_arcsec=(20.0, 10.0), wave_period_s=170.0)
     ),
@@ -338,14 +360,14 @@ MISTAKES = {
 GROSS_MOUNTS = ((200.0, 40.0, -10.0), (75.0, 50.0, 100.0), (310.0, 65.0, 20.0), (130.0, 35.0, -35.0))
 
 
-def gross_table(names: list[str], places: list[int]) -> None:
-    """Mistakes of a usual size in sessions of 5 minutes, at each site: the verdict and the first finding."""
+def gross_table(names: list[str], places: list[int], seconds: float) -> None:
+    """Mistakes of a usual size in sessions of some minutes, at each site: the verdict and the first finding."""
     print("| mistake | latitude / deg | named | verdict | first finding |\n|---|---|---|---|---|")
     for name, place in itertools.product(names, places):
         mistake, (azimuth, altitude, roll) = MISTAKES[name], GROSS_MOUNTS[place]
         site, start, hours = SITES[place]
         world = World(site, azimuth, altitude, roll, whole_pixels=place % 2 == 0)
-        shown = session(mistake.stated(world), mistake.true(world), Plan(start.format(hours[1]), 300.0, 1.0, place))
+        shown = session(mistake.stated(world), mistake.true(world), Plan(start.format(hours[1]), seconds, 1.0, place))
         told = judge(shown)
         texts = [text for one in told.findings[:1] for text in (str(one), *one.equals)]
         named = any(word in text for word in mistake.words for text in texts)
@@ -395,6 +417,7 @@ if __name__ == "__main__":
     parser.add_argument("--sigmas", type=float, default=6.0)
     parser.add_argument("--only", action="append", choices=[*CAUSES, *MISTAKES], help="can be given again")
     parser.add_argument("--places", type=int, nargs="+", default=[0, 1, 2, 3], help="of the sites, for gross")
+    parser.add_argument("--seconds", type=float, default=300.0, help="of a session, for gross")
     parser.add_argument("--seed", type=int, default=5)
     parser.add_argument("--wander", action="store_true", help="with correlated noise of the boresight")
     options = parser.parse_args()
@@ -402,7 +425,7 @@ if __name__ == "__main__":
     if options.table == "fine":
         fine_table(options.sessions, options.sigmas, options.only or list(CAUSES), options.seed)
     elif options.table == "gross":
-        gross_table(options.only or list(MISTAKES), options.places)
+        gross_table(options.only or list(MISTAKES), options.places, options.seconds)
     else:
         clean_table(options.sessions, options.seed, options.wander)
     print(f"{time.process_time() - started:.0f} s of processor time", file=sys.stderr)

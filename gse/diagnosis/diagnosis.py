@@ -218,7 +218,8 @@ def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     gross, fine = _causes(session, stats.counted)
     causes = (*gross, *fine)
     facts = tuple(_facts(session, stats, {finding.cause for finding in causes}))
-    facts = (*facts, *stars_by_day(session, stats.counted))
+    if not gross:
+        facts = (*facts, *stars_by_day(session, stats.counted))
     return (*causes, *facts) or tuple(unexplained(session, stats))
 
 

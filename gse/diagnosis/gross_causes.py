@@ -39,6 +39,8 @@ from gse.values.star_influence import boresight_shifts
 # Hypotheses of gross mistakes: one sign, order, quarter turn or time zone that is wrong in site, mount or clock.
 
 SIDEREAL_DAY_S = 86_164.0905
+_YEAR_WITHIN_S = 30.0
+"""Precession of a year turns the sky near the pole by as much about it: whether a date fits is tried all the same."""
 _MOST_CLOCK_S = 25.5 * 3600
 _NEAR_S, _VERY_NEAR_S = 60.0, 4.0
 """How near to a whole number of hours a clock must be, for those that are usual and for others: of so many others one
@@ -121,7 +123,7 @@ def of_clock(stated: GrossHypothesis, fast_s: float) -> Iterator[GrossHypothesis
             yield replace(stated, cause=cause, size=size, next_step=SET_CLOCK, clock_s=3600.0 * hours)
     for days in (-366, -365, 365, 366):
         turned_s = 86_400 * days - SIDEREAL_DAY_S * round((86_400 * days - fast_s) / SIDEREAL_DAY_S)
-        if abs(turned_s - fast_s) < DATE_S:
+        if abs(turned_s - fast_s) < _YEAR_WITHIN_S:
             way = "ahead of" if days > 0 else "behind"
             yield replace(
                 stated,

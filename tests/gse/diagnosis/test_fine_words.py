@@ -27,7 +27,7 @@ SETTING = Setting(
 )
 
 
-def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), late=None):
+def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), late=None, has_host=True):
     columns = Predictions(*(np.zeros((1, 1, 1)) for _ in range(3)))
     equals = tuple(FineHypothesis(rival, rival, columns) for rival in rivals)
     one = Named(
@@ -36,7 +36,7 @@ def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), lat
         np.full(len(coefficients), error),
         equals,
     )
-    finding = _WORDS[cause](one, replace(SETTING, late=late))
+    finding = _WORDS[cause](one, replace(SETTING, late=late, has_host=has_host))
     return f"{finding.cause}: {finding.size}; {', '.join(finding.equals)}"
 
 
@@ -222,3 +222,34 @@ def test_a_slip_that_is_known_badly_is_the_clocks_within_a_factor_of_two(arcsec,
         "slip of the mount", arcsec, kind="azimuth", at_s=200.0, rivals=("clock drift",), late=clocks_apart(ppm)
     )
     assert text.startswith("clock drift: ")
+
+
+@pytest.mark.parametrize(
+    ("cause", "coefficient", "words"),
+    [
+        (
+            "clock drift",
+            3.0,
+            "sensor clock drift: the sensor's time tags, by which this capture has its times, run 3 ppm",
+        ),
+        ("clock offset", 2.0, "clock offset: the start that was given (--start-utc) is 2.00 s late"),
+        ("clock step", 1.5, "sensor time tag: the sensor's time tags, by which this capture has its times, stepped by"),
+    ],
+)
+def test_a_capture_without_host_times_says_nothing_of_the_hosts_clock(cause, coefficient, words):
+    told = said(cause, coefficient, at_s=10.0, error=0.1, has_host=False)
+    assert told.startswith(words)
+    assert "host's clock" not in told
+
+
+@pytest.mark.parametrize(
+    ("cause", "kind", "coefficient", "words"),
+    [
+        ("pixel pitch", "columns", 0.003, "columns lie 0.300 % further (+- 0.1 %) than rows"),
+        ("pixel pitch", "rows", -0.003, "rows lie 0.300 % closer (+- 0.1 %) than columns"),
+        ("pixel origin", "pixel origin", -1.01, "1.01 px off along both axes: the sensor counts pixels from 1"),
+        ("pixel origin", "pixel origin", 0.49, "0.49 px off along both axes: the sensor counts pixels from the corner"),
+    ],
+)
+def test_pixels_that_are_not_square_or_counted_otherwise_are_told_with_their_size(cause, kind, coefficient, words):
+    assert words in said(cause, coefficient, kind=kind, error=0.0005)
