@@ -17,7 +17,7 @@ COMMANDS = {
     "sessions": "list the recorded sessions with their verdicts",
     "why": "show one page on a session: what happened, why, what next",
     "view": "show a session in rerun",
-    "identify": "identify one panorama table: stars, RA, DE, roll",
+    "identify": "identify one panorama table or picture: stars, RA, DE, roll",
     "extract": "extract a panorama table from an image, as the sensor does",
     "evaluate": "test identifiers by Monte-Carlo over the whole sky",
     "simulate": "write a simulated session",

@@ -1,13 +1,17 @@
-"""``gse identify``: stars, RA, DE and roll of one panorama table."""
+"""``gse identify``: stars, RA, DE and roll of one panorama table or image."""
 
 import json
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 from gse.cli.options import identifier_option, say, station_option
 from gse.config.choice import station_of, with_identifier
+from gse.config.station import Station, parse_station
 from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
 from gse.station.frame_json import frame_json
@@ -18,7 +22,7 @@ from gse.values.panorama import Panorama
 
 
 @click.command("identify")
-@click.argument("table", type=click.Path(path_type=Path))
+@click.argument("path", metavar="TABLE|IMAGE", type=click.Path(path_type=Path))
 @station_option
 @identifier_option
 @click.option(
@@ -30,41 +34,116 @@ from gse.values.panorama import Panorama
 @click.pass_context
 def command(
     ctx: click.Context,
-    table: Path,
+    path: Path,
     station_path: Path | None,
     identifier: str | None,
     utc_text: str | None,
     as_json: bool,
 ) -> None:
-    """Identify the stars of TABLE: lines of y, x, index value, as in the LAPAN paper.
+    """Identify the stars of a table, lines of y, x, index value as in the LAPAN paper, or of an image.
 
-    The exit code is 1 if the panorama is not identified.
+    An image is extracted as by `gse extract --sub-pixel`. Without --station its focal length and mirror are found, from
+    EXIF first, then from 5 to 70 deg of field, and its stars by the identifier robust. So are those of a table that
+    does not fit its station file. The exit code is 1 if the panorama is not identified.
     """
-    from gse.station.loop import StationLoop
-    from gse.station.setup import set_up
-
-    xy_px, brightness = read_panorama_table(table)
+    seen = _seen(path)
     station, text = station_of(station_path)
     try:
         utc_ns = instant.from_text(utc_text) if utc_text else 0
     except ValueError as error:
         raise UsageError(f"--utc: {error}") from error
-    setup = set_up(*with_identifier(station, text, identifier), tell=say)
-    result = StationLoop(setup).observe(Panorama(utc_ns, xy_px, brightness))
+    panorama = Panorama(utc_ns, seen.xy_px, seen.brightness)
+    result, label = None, "robust"
+    if station_path is not None or seen.size is None:
+        result, label = _observed(panorama, *with_identifier(station, text, identifier))
+    if result is None or result.status is Status.NO_MATCH:
+        sensor = station.sensor
+        seen = seen if seen.size is not None else replace(seen, size=(sensor.columns, sensor.rows))
+        result, label = _found_anyhow(panorama, seen, identifier) or (result, label)
+    if result is None and not len(seen.brightness):
+        say("no object stands out of the picture: there is nothing to identify")
+        ctx.exit(1)
+    if result is None:
+        say("no focal length fits; with --station the camera of a station file is taken")
+        ctx.exit(1)
     if as_json:
         document = frame_json(result)
         if utc_text is None:
             document["utc"] = None
         click.echo(json.dumps(document))
     else:
-        _print(result, setup.station.identifier.label)
+        _print(result, label)
     ctx.exit(0 if result.status is Status.IDENTIFIED else 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """Pixels (N, 2) and index values (N,) of objects; of an image also columns and rows, and EXIF's focal length."""
+
+    xy_px: NDArray[np.float64]
+    brightness: NDArray[np.float64]
+    size: tuple[int, int] | None = None
+    focal_length_px: float | None = None
+
+
+def _seen(path: Path) -> _Seen:
+    """The objects of a table or of an image."""
+    from gse.imaging.extraction import extract_sub_pixel
+    from gse.imaging.image_file import KNOWN_SUFFIXES, read_picture
+
+    if path.suffix.lower() not in KNOWN_SUFFIXES:
+        return _Seen(*read_panorama_table(path))
+    picture = read_picture(path)
+    rows, columns = picture.counts.shape
+    return _Seen(*extract_sub_pixel(picture.light(), step=picture.step), (columns, rows), picture.focal_length_px)
+
+
+def _observed(panorama: Panorama, station: Station, text: str) -> tuple[FrameResult, str]:
+    """The result of a panorama, and what identified it."""
+    from gse.station.loop import StationLoop
+    from gse.station.setup import set_up
+
+    setup = set_up(station, text, tell=say)
+    return StationLoop(setup).observe(panorama), setup.station.identifier.label
+
+
+def _found_anyhow(panorama: Panorama, seen: _Seen, identifier: str | None) -> tuple[FrameResult, str] | None:
+    """The result with a camera that is searched for, which is told; None where none fits."""
+    from gse.catalog import load_catalog
+    from gse.identifier.camera_search import find_unknown_camera
+
+    assert seen.size is not None
+    columns, rows = seen.size
+    if len(panorama.brightness) < _FEWEST_FOR_A_SEARCH:
+        return None
+    say("searching for the focal length: from 5 to 70 deg of field")
+    catalog = load_catalog(stars=_STARS)
+    camera = find_unknown_camera(panorama, columns, rows, catalog, first_px=seen.focal_length_px)
+    if camera is None:
+        return None
+    across, down = (2 * math.degrees(math.atan(size / 2 / camera.focal_length_px)) for size in seen.size)
+    mirrored = ", mirrored" if camera.mirrored else ""
+    say(f"focal length {camera.focal_length_px:.1f} px fits: a field of {across:.1f} x {down:.1f} deg{mirrored}")
+    text = _STATION.format(
+        rows=rows, columns=columns, focal_length_px=camera.focal_length_px, mirrored=str(camera.mirrored).lower()
+    )
+    return _observed(panorama, *with_identifier(parse_station(text), text, identifier or "robust"))
+
+
+_FEWEST_FOR_A_SEARCH = 8
+_STARS = 200_000
+"""Three times what the narrowest field takes, for doubles are merged."""
+_STATION = """\
+version: 1
+sensor: {{rows: {rows}, columns: {columns}, focal_length_px: {focal_length_px:.3f}, mirrored: {mirrored}}}
+site: {{latitude_deg: 0, longitude_deg: 0}}
+"""
 
 
 def _print(result: FrameResult, identifier: str) -> None:
     attitude = result.attitude
     if attitude is None:
-        click.echo(f"{result.status}: {result.detail}")
+        click.echo(f"{result.status}: {result.detail}" if result.detail != result.status else result.status)
         return
     count = len(result.panorama.brightness)
     click.echo(f"RA {attitude.ra_deg:.5f}  DE {attitude.de_deg:+.5f}  roll {attitude.roll_deg:.4f} deg (ICRS)")

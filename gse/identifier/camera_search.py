@@ -6,13 +6,14 @@ that is not a matter of chance gives the focal length by the distances of its st
 with that.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog import StarCatalog
+from gse.catalog import StarCatalog, mission_catalog
 from gse.identifier.neighbour import NeighbourIdentifier
 from gse.identifier.result import Identification, ObjectColumns
 from gse.values.camera import Camera
@@ -51,6 +52,44 @@ def find_camera(panoramas: Sequence[Panorama], camera: Camera, catalog: StarCata
             if answers := _answers(panoramas, trial, identifier, _SURE):
                 return FoundCamera(trial, len(answers))
     return None
+
+
+_COLUMNS = 1024
+"""A picture is searched as if it had so many columns: then the tolerance of 1.5 px holds what its lens distorts."""
+_NARROWEST_DEG, _WIDEST_DEG = 5.0, 70.0
+_BAND = (1 + REACH) / (1 - REACH) * 0.96
+"""From the focal length in the middle of a band to the next: bands of +-25 % that overlap."""
+
+
+def find_unknown_camera(
+    panorama: Panorama, columns: int, rows: int, catalog: StarCatalog, *, first_px: float | None = None
+) -> Camera | None:
+    """The camera of a picture of which nothing is known, with a field of 5 to 70 deg along its rows; None where none
+    identifies it.
+
+    ``first_px`` is a focal length to begin with. Then come wide fields before narrow ones, which take longer.
+    """
+    shrunk = _COLUMNS / columns
+    scaled = Panorama(panorama.utc_ns, (panorama.xy_px + 0.5) * shrunk - 0.5, panorama.brightness)
+    height = max(round(rows * shrunk), 1)
+    for focal_px in _bands(None if first_px is None else first_px * shrunk):
+        camera = Camera(height, _COLUMNS, focal_px, ((_COLUMNS - 1) / 2, (height - 1) / 2))
+        found = find_camera([scaled], camera, mission_catalog(catalog, camera))
+        if found is not None:
+            focal_px, mirrored = found.camera.focal_length_px / shrunk, found.camera.mirrored
+            return Camera(rows, columns, focal_px, ((columns - 1) / 2, (rows - 1) / 2), mirrored=mirrored)
+    return None
+
+
+def _bands(first_px: float | None) -> Iterator[float]:
+    """The focal lengths in the middle of each band, in the columns of a searched picture."""
+    if first_px is not None:
+        yield first_px
+    shortest, longest = (_COLUMNS / 2 / math.tan(math.radians(deg) / 2) for deg in (_WIDEST_DEG, _NARROWEST_DEG))
+    focal_px = shortest / (1 - REACH)
+    while focal_px * (1 - REACH) < longest:
+        yield focal_px
+        focal_px *= _BAND
 
 
 def _trials(camera: Camera) -> Iterator[Camera]:

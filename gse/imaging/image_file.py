@@ -1,5 +1,6 @@
 """Image files of a detector: PNG, TIFF, JPEG or FITS, as index values 0..4096 or as light on that scale."""
 
+import math
 import struct
 import warnings
 from dataclasses import dataclass, replace
@@ -18,11 +19,12 @@ MAX_PIXELS = 67_108_864
 """8192 x 8192: larger than any detector of a star sensor, small enough for any host."""
 
 _FITS_SUFFIXES = (".fits", ".fit", ".fts")
-_KNOWN_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", *_FITS_SUFFIXES)
+KNOWN_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", *_FITS_SUFFIXES)
 _DEPTHS = {"1": 8, "L": 8, "P": 8, "RGB": 8, "RGBA": 8, "LA": 8, "I;16": 16, "I;16B": 16, "I;16L": 16, "I": 16, "F": 16}
 _EXPECTED = "expected gray of 8, 12 or 16 bits, or colour of 8"
 _BITS_PER_SAMPLE = 258
 """The TIFF tag."""
+_EXIF, _FOCAL_LENGTH_IN_35MM_FILM = 0x8769, 41989
 _COLOURS = 3
 _BROKEN = (OSError, SyntaxError, ValueError, TypeError, KeyError, IndexError, EOFError, struct.error, MemoryError)
 """What Pillow and astropy raise on damaged files."""
@@ -33,11 +35,13 @@ class Picture:
     """What an image file holds: counts (rows, columns) as stored, its rows in the order of the file.
 
     ``bits`` is how many bits of the counts are significant. ``is_jpeg``: the counts were compressed with loss.
+    ``focal_length_px`` is what EXIF says of the lens, None where it says nothing.
     """
 
     counts: NDArray[Any]
     bits: int
     is_jpeg: bool = False
+    focal_length_px: float | None = None
 
     def index_values(self) -> NDArray[np.uint16]:
         """Index values, whole numbers of 0..4096; a pixel that holds no number is dark."""
@@ -72,8 +76,8 @@ def read_picture(path: Path, bits: int | None = None) -> Picture:
     16 bits holds nothing over 4096. TableError otherwise, with what came and what was expected.
     """
     suffix = path.suffix.lower()
-    if suffix not in _KNOWN_SUFFIXES:
-        raise TableError(f"{path} is not an image of a known format: expected {', '.join(_KNOWN_SUFFIXES)}")
+    if suffix not in KNOWN_SUFFIXES:
+        raise TableError(f"{path} is not an image of a known format: expected {', '.join(KNOWN_SUFFIXES)}")
     if path.exists() and not path.is_file():
         raise TableError(f"{path} is a folder, a pipe or a device: expected an image file")
     try:
@@ -112,13 +116,21 @@ def _read_picture(path: Path) -> Picture:
                 depth, is_jpeg = _depth(picture, path), picture.format == "JPEG"
                 picture.draft("L", None)  # of a JPEG only the brightness is unpacked
                 gray = picture if depth > 8 or picture.mode == "L" else picture.convert("L")
-                return Picture(np.asarray(gray), depth, is_jpeg=is_jpeg)
+                return Picture(np.asarray(gray), depth, is_jpeg, _focal_length_px(picture))
     except UnidentifiedImageError as error:
         raise TableError(f"{path} is not a PNG, TIFF or JPEG image of a known kind: {_EXPECTED}") from error
     except Image.DecompressionBombError as error:
         raise TableError(_too_large(path)) from error
     except _BROKEN as error:
         raise _damaged(path, error) from error
+
+
+def _focal_length_px(picture: Image.Image) -> float | None:
+    """The focal length by EXIF's equivalent for film of 36 x 24 mm, whose diagonals correspond."""
+    equivalent_mm = picture.getexif().get_ifd(_EXIF).get(_FOCAL_LENGTH_IN_35MM_FILM)
+    if not isinstance(equivalent_mm, int) or not 1 <= equivalent_mm <= 10_000:
+        return None
+    return equivalent_mm * math.hypot(*picture.size) / math.hypot(36, 24)
 
 
 def _depth(picture: Image.Image, path: Path) -> int:

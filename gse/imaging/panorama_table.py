@@ -20,7 +20,7 @@ def read_panorama_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Pixels (N, 2) as x, y and index values (N,), brightest first, of a table (LAPAN paper, figure 2-3).
 
     Columns y, x, index (further columns are not looked at), separated by commas or blanks; ``#`` starts a comment;
-    one header line is allowed. TableError names file, line and what was expected.
+    one header line is allowed, and lines of zeros are no objects. TableError names file, line and what was expected.
     """
     rows: list[tuple[float, float, float]] = []
     header_seen = False
@@ -31,7 +31,10 @@ def read_panorama_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.flo
         if not rows and not header_seen and fields[0].lower() == "y":
             header_seen = True
             continue
-        rows.append(_row(fields, path, number))
+        row = _row(fields, path, number)
+        if not any(row):  # a table that is padded to its 30 lines
+            continue
+        rows.append(row)
         if len(rows) > MAX_OBJECTS:
             raise TableError(
                 f"{path}, line {number}: more than {MAX_OBJECTS} objects; a panorama holds up to {MAX_OBJECTS}"

@@ -257,6 +257,16 @@ def test_light_keeps_what_index_values_round_and_fills_what_is_no_number(tmp_pat
     assert picture.index_values()[0, 0] == 62
 
 
+@pytest.mark.parametrize(("equivalent_mm", "focal_px"), [(50, 50 * 125 / np.hypot(36, 24)), (None, None), (0, None)])
+def test_the_focal_length_of_exif_is_read(tmp_path: Path, equivalent_mm: int | None, focal_px: float | None) -> None:
+    """The equivalent for film is by the diagonal."""
+    exif = Image.Exif()
+    if equivalent_mm is not None:
+        exif.get_ifd(0x8769)[41989] = equivalent_mm
+    Image.new("RGB", (100, 75)).save(tmp_path / "a.jpg", exif=exif)
+    assert read_picture(tmp_path / "a.jpg").focal_length_px == pytest.approx(focal_px)
+
+
 def test_without_its_library_the_paper_s_extraction_works_and_the_other_says_what_to_install(tmp_path: Path) -> None:
     """As on a Python for which sep has no wheel: a module of that name that cannot be imported."""
     (tmp_path / "sep.py").write_text("raise ImportError('no wheel')")

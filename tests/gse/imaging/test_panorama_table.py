@@ -32,6 +32,12 @@ def test_objects_come_brightest_first(tmp_path: Path) -> None:
     assert index.tolist() == [9, 7, 5]
 
 
+def test_the_zeros_of_a_padded_table_are_no_objects(tmp_path: Path) -> None:
+    xy_px, index = read_panorama_table(table(tmp_path, "1 2 5\n0 0 7\n0 0 0\n" + "0,0,0\n" * 40))
+    assert xy_px.tolist() == [[0, 0], [2, 1]]
+    assert index.tolist() == [7, 5]
+
+
 def test_a_further_column_is_not_looked_at(tmp_path: Path) -> None:
     xy_px, _ = read_panorama_table(table(tmp_path, "y,x,index,flux\n1.25,2.5,3,anything\n"))
     assert xy_px.tolist() == [[2.5, 1.25]]
