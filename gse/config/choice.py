@@ -50,7 +50,9 @@ def with_identifier(station: Station, text: str, name: str | None) -> StationTex
         return station, text
     if name == "external":
         raise UsageError("--identifier external names no program; expected one of command:, library:, entry-point:")
-    values = {"algorithm": name} if name in ALGORITHMS else plug_values(name)
+    # The time for a panorama is the station's, whatever program is named.
+    own = {"timeout_ms": station.identifier.timeout_ms}
+    values = {"algorithm": name} if name in ALGORITHMS else plug_values(name) | own
     text = with_values(text, "identifier", values, drop=PLUG_KEYS)
     return station.model_copy(update={"identifier": parse_station(text).identifier}), text
 

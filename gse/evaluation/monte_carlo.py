@@ -29,7 +29,7 @@ from gse.errors import GseError
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.evaluation.plan import Cell, FrameOutcome, Plan
 from gse.external.answers import Failure
-from gse.external.identifier import ExternalIdentifier, RunningIdentifier
+from gse.external.identifier import ExternalIdentifier, evaluated, in_time
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
@@ -93,7 +93,8 @@ class Evaluator:
         rng = np.random.default_rng(np.random.SeedSequence(self._plan.seed, spawn_key=(frame,)))
         seen = maker.frame(direction, rng)
         if isinstance(identifier, ExternalIdentifier):
-            kind, elapsed_us, failure = _asked(identifier, seen, frame)
+            timeout_s = self._plan.cells[cell].identifier.timeout_ms / 1000
+            kind, elapsed_us, failure = _asked(identifier, seen, frame, timeout_s)
             return FrameOutcome(cell, frame, kind, seen.real_stars, elapsed_us, failure)
         sigma_rad = self._plan.cells[cell].conditions.position_arcsec * ARCSEC_RAD
         identify = _by_angles(identifier, seen, sigma_rad, rng) if self._plan.angle_noise else _whole(identifier, seen)
@@ -126,9 +127,12 @@ def graded(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) 
     return "coarse" if mostly and error_deg <= COARSE_DEG else "false"
 
 
-def _asked(identifier: ExternalIdentifier, frame: SimulatedFrame, number: int) -> tuple[str, float, Failure | None]:
+def _asked(
+    identifier: ExternalIdentifier, frame: SimulatedFrame, number: int, timeout_s: float
+) -> tuple[str, float, Failure | None]:
     """Kind of an external identifier's answer, by its boresight alone, its time in microseconds, and its failure."""
-    (given,) = identifier.source.answers([Panorama(0, frame.xy_px, frame.brightness, number)])
+    (answer,) = identifier.source.answers([Panorama(0, frame.xy_px, frame.brightness, number)])
+    given = in_time(answer, timeout_s)
     elapsed_us = math.nan if given.elapsed_us is None else given.elapsed_us
     if isinstance(given.answer, Failure):
         return "none", elapsed_us, given.answer
@@ -178,7 +182,7 @@ def _for_angles(cell: Cell, optics: Optics, mission: StarCatalog) -> Identifier:
 def _for_field(cell: Cell, optics: Optics, source: StarCatalog) -> Identifier | ExternalIdentifier:
     if cell.identifier.algorithm == "external":
         plug = plug_of(cell.identifier, SensorDescription(optics.name, optics.camera, _INDEX_MAX))
-        return ExternalIdentifier(source, RunningIdentifier(plug, cell.identifier.timeout_ms / 1000))
+        return ExternalIdentifier(source, evaluated(plug, cell.identifier.timeout_ms / 1000))
     if cell.identifier.algorithm != "robust":
         return make_identifier(cell.identifier, optics.camera, source)
     from gse.identifier.robust import RobustIdentifier

@@ -31,7 +31,7 @@ from gse.evaluation.frames import FrameMaker
 from gse.evaluation.monte_carlo import COARSE_DEG, RIGHT_DEG
 from gse.evaluation.plan import KINDS, Cell, Plan, failure_lines, interval
 from gse.external.answers import Failure
-from gse.external.identifier import RunningIdentifier
+from gse.external.identifier import evaluated, in_time
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, make_identifier
@@ -257,9 +257,10 @@ def _built_in(
 def _external(
     options: IdentifierOptions, sensor: SensorDescription, cases: Sequence[BenchmarkFrame], catalog: str
 ) -> Iterator[Score]:
-    running = RunningIdentifier(plug_of(options, sensor), options.timeout_ms / 1000)
+    timeout_s = options.timeout_ms / 1000
+    running = evaluated(plug_of(options, sensor), timeout_s)
     try:
-        given = running.answers([case.panorama for case in cases])
+        given = [in_time(one, timeout_s) for one in running.answers([case.panorama for case in cases])]
     finally:
         running.close()
     for case, one in zip(cases, given, strict=True):

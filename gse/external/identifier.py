@@ -6,7 +6,7 @@ it are sent again. One that fails too often in a row is given up, so that a sess
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -166,6 +166,24 @@ def _given(answer: ExternalAnswer | Failure, reply: Reply) -> Given:
         return Given(answer, answer.elapsed_us, has_own_time=True)
     is_first = reply.elapsed_us is None
     return Given(answer, reply.elapsed_us if is_first or answer.call_us is None else answer.call_us)
+
+
+HANGS_S = 10.0
+"""A program that is evaluated, not used live, is waited for so long: a busy computer is no fault of it."""
+
+
+def evaluated(plug: Plug, timeout_s: float) -> RunningIdentifier:
+    """A program whose answers are taken late, to be judged by ``in_time``."""
+    return RunningIdentifier(plug, max(timeout_s, HANGS_S))
+
+
+def in_time(given: Given, timeout_s: float) -> Given:
+    """What was given, or a failure where its time, the program's own if it states one, is over the limit."""
+    if given.elapsed_us is None or given.elapsed_us <= 1e6 * timeout_s or isinstance(given.answer, Failure):
+        return given
+    whose = "it states" if given.has_own_time else "it took"
+    text = f"{whose} {given.elapsed_us / 1000:.4g} ms; {1000 * timeout_s:g} ms are allowed"
+    return replace(given, answer=Failure(FailureKind.TIMEOUT, text))
 
 
 class ExternalIdentifier:

@@ -81,6 +81,30 @@ def test_an_external_identifier_is_a_row_of_the_ordinary_evaluation_too(folder, 
     assert "onboard failed: 1 NONSENSE; counted as none" in evaluation_table(document)
 
 
+def test_an_external_identifier_has_the_time_of_the_station_and_its_own_clock_counts(folder, gse):
+    """On a busy computer an answer comes late: the time that the program states is judged, or the station gives more."""
+    truth = json.loads((folder / "truth.json").read_text())[NAME]
+    right = f"ra_deg={truth['ra_deg']}, de_deg={truth['de_deg']}"
+    body = f"""\
+for line in sys.stdin:
+    p = json.loads(line)
+    time.sleep(0.3)
+    own = {{"elapsed_us": 1000}} if p["frame_no"] == 1 else {{}}
+    answer(p, {right}, **own)
+"""
+    path = program(folder, "import time\n" + body)
+    (folder / "station.yaml").write_text(
+        "version: 1\nsensor: {rows: 768, columns: 1024, focal_length_px: 5113.75}\n"
+        "site: {latitude_deg: 0, longitude_deg: 0}\nidentifier: {timeout_ms: 5000}\n"
+    )
+    options = ("--panoramas", folder, "--frames", 1, "--identifier", f"command:{path}", "--json")
+    for station, right_ones in (((), 2), (("--station", folder / "station.yaml"), 3)):
+        rows = json.loads(gse("evaluate", *options, *station).out)["rows"]
+        (of_set,) = (row for row in rows if row["set"] == folder.name)
+        assert of_set["rates"]["right"]["count"] == right_ones  # the first answer is that of the start
+        assert of_set["failures"].get("TIMEOUT", 0) == 3 - right_ones
+
+
 @pytest.mark.parametrize(
     ("truth", "text"),
     [
