@@ -86,8 +86,6 @@ _OFTEN_STUCK = 0.1
 _RATE_FRAMES = 40
 _RATE_OFF = 0.05
 """A share that no oscillator is off by."""
-_LASTING_SHARE = 0.4
-"""Of what a rate makes from the first quarter of a block to its last, which is three quarters of it."""
 _SIGMAS = 5.0
 _MAD, _OF_MEDIAN = 1.4826, 1.2533
 """Standard deviation of normal numbers in their median deviation, and error of their median in that of their mean."""
@@ -140,8 +138,12 @@ def _rate(frames: Columns) -> Iterator[str]:
     regular = np.flatnonzero((tags_s > 0) & (host_s > np.median(host_s) / 2))
     blocks = regular[: len(regular) // _RATE_FRAMES * _RATE_FRAMES].reshape(-1, _RATE_FRAMES)
     off = _off(tags_s[blocks] / host_s[blocks])
-    if len(off):
-        off = np.where(_lasts(off, blocks, tags_s, host_s), off, 0.0)
+    # An adapter that hands over its bytes in groups gives several frames one stamp, and others the double time: over
+    # the whole stretch its stamps are right.
+    ends = blocks[:, [0, -1]] + [0, 1]
+    sensor_s, watched_s = (np.diff(times[ends], axis=1)[:, 0] for times in (_since(tags_s), _since(host_s)))
+    whole = sensor_s / np.maximum(watched_s, 1e-9) - 1
+    off = np.where(np.abs(whole) < np.abs(off), whole, off)
     if len(off) and np.abs(off).max() > _RATE_OFF:
         worst = int(np.abs(off).argmax())
         when = to_text(int(frames["host_utc_ns"][blocks[worst, 0]]), 1)
@@ -149,19 +151,8 @@ def _rate(frames: Columns) -> Iterator[str]:
         yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"
 
 
-def _lasts(
-    off: NDArray[np.float64], blocks: NDArray[np.int64], tags_s: NDArray[np.float64], host_s: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Whether tags that run off in a block (K,) are so far from the host at its end as that makes.
-
-    Frames that are read in groups, as an adapter hands them over, have wrong steps and right stamps now and then: the
-    least lateness of either end stays.
-    """
-    late_s = np.concatenate([[0.0], np.cumsum(host_s - tags_s)])
-    quarter = blocks.shape[1] // 4
-    least = [late_s[part].min(axis=1) for part in (blocks[:, :quarter], blocks[:, -quarter:] + 1)]
-    expected_s = -off * host_s[blocks].sum(axis=1)
-    return np.asarray((least[1] - least[0]) * np.sign(expected_s) >= _LASTING_SHARE * np.abs(expected_s))
+def _since(steps_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([[0.0], np.cumsum(steps_s)])
 
 
 def _off(rates: NDArray[np.float64]) -> NDArray[np.float64]:
