@@ -82,7 +82,7 @@ def test_an_external_identifier_is_a_row_of_the_ordinary_evaluation_too(folder, 
 
 
 def test_an_external_identifier_has_the_time_of_the_station_and_its_own_clock_counts(folder, gse):
-    """On a busy computer an answer comes late: the time that the program states is judged, or the station gives more."""
+    """On a busy computer an answer comes late: the time that the program states is judged, or the station's."""
     truth = json.loads((folder / "truth.json").read_text())[NAME]
     right = f"ra_deg={truth['ra_deg']}, de_deg={truth['de_deg']}"
     body = f"""\
