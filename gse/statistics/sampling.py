@@ -63,7 +63,7 @@ _Z_ONE = 1.644854
 _TAIL_SHARE = 0.05
 _SHAPE_OF_MEAN, _SHAPE_OF_P95 = 0.25, 0.8
 """Of the error of a figure's values, what mean and scatter do not take up: 0.21 and 0.65 of normal ones."""
-_LEVEL, _LESS, _WELL_BIASED, _FEW_VALUES = 0.96, 0.25, 1.2, 7.0
+_LEVEL, _LESS, _WELL_BIASED, _FEW_VALUES = 0.96, 0.22, 1.2, 7.0
 _LOWER = 0.04
 _MOST_SPREADS = 2.0
 """Largest U, in the spread of the errors seen (99 %): once for these, once for what changes more slowly."""
