@@ -70,8 +70,9 @@ RISK = 0.05
 DECISION_TEXT = {
     Decision.GUARDED: (
         "A figure q with the limit L and the one-sided 95 % uncertainty U is PASS where q + U <= L, FAIL where "
-        "q - U > L, and INCONCLUSIVE between them: a sensor whose true figure is at its limit passes in at most 5 % of "
-        "the sessions, and fails in at most 5 %. U = sqrt(U_sampling^2 + (1.645 u_truth)^2). Shares are decided by "
+        "q - U > L, and INCONCLUSIVE between them: a sensor whose true figure is at its limit passes in some 5 % of "
+        "the sessions that last ten times as long as its slowest errors, and fails in as many; slower errors count as "
+        "far as the session saw them. U = sqrt(U_sampling^2 + (1.645 u_truth)^2). Shares are decided by "
         "their one-sided 95 % bounds after Clopper and Pearson; an outage is an event of Poisson."
     ),
     Decision.SIMPLE: (
@@ -353,7 +354,8 @@ def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str =
         bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
         shows = f" show {bound} with 95 % confidence"
         if at_least and share.lower < _SAYS_NOTHING * asked.limit:
-            shows, events = "", events or "the answers that are missing came together"
+            shows = ""
+            events = events or ("the answers that are missing came together" if share.count < share.of else "")
         why = f"{events}, too few events to tell" if events else "a longer session decides"
         reason = f"{seen}{shows}, the limit is {limit}: {why}"
     return Row(
