@@ -16,7 +16,9 @@ from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sen
 from gse.values.attitude import Attitude
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
 from gse.values.matrices import eigh, length, product
-from gse.values.mount import InertialDirection, Mount
+from gse.values.mount import InertialDirection, InertialUncertainty, Mount
+from gse.values.screen import Screen
+from gse.values.shown import ShownSky
 from gse.values.site import Site, SiteUncertainty
 from protocols.description import TimeDescription
 
@@ -482,24 +484,66 @@ def _other_humidity(site: Site, by: float) -> float:
 
 def inertial_terms(shown: InertialDirection, clock_error_s: float) -> Iterator[Term]:
     """The stated direction, and the time where it moves."""
-    across, roll = shown.uncertainty.across_arcsec * TO_STANDARD, shown.uncertainty.roll_arcsec * TO_STANDARD
-    remedy = "measure it better and state mount.inertial.uncertainty"
-    for name, key, standard, vector in (
-        ("shown direction", "across_arcsec", across, (across, across, 0.0)),
-        ("shown roll", "roll_arcsec", roll, (0.0, 0.0, roll)),
+    yield from _standing("shown", "mount.inertial.uncertainty", shown.uncertainty)
+    if any(shown.rates_arcsec_per_s):
+        yield _time(shown, clock_error_s)
+
+
+def _standing(what: str, key: str, known: InertialUncertainty) -> Iterator[Term]:
+    """How well it is known where star simulator or screen and sensor stand to each other."""
+    across, roll = TO_STANDARD * known.across_arcsec, TO_STANDARD * known.roll_arcsec
+    for name, of, standard, vector in (
+        (f"{what} direction", "across_arcsec", across, (across, across, 0.0)),
+        (f"{what} roll", "roll_arcsec", roll, (0.0, 0.0, roll)),
     ):
         yield Term(
             name,
             standard,
             "arcsec",
             *vector,
-            evidence=_whose(f"mount.inertial.uncertainty.{key}", shown.uncertainty, key, "arcsec"),
+            evidence=_whose(f"{key}.{of}", known, of, "arcsec"),
             explanation="where star simulator and sensor stand to each other",
-            remedy=remedy,
+            remedy=f"measure it better and state {key}",
             corrected=False,
         )
-    if any(shown.rates_arcsec_per_s):
-        yield _time(shown, clock_error_s)
+
+
+_SPOT_PX = 0.005
+"""Standard uncertainty of a spot's centre on the panel: 256 levels, measured in a browser (docs/screen.md)."""
+
+
+def screen_terms(screen: Screen, sky: ShownSky) -> Iterator[Term]:
+    """How screen and sensor stand to each other, the grid of the panel, and the time of a scene that turns."""
+    yield from _standing("screen", "screen.to_sensor.uncertainty", screen.to_sensor.uncertainty)
+    grid = _SPOT_PX * ARCSEC_PER_RAD / screen.camera().focal_length_px
+    yield Term(
+        "pixel grid",
+        grid,
+        "arcsec",
+        grid,
+        grid,
+        0.0,
+        evidence=f"B: {_SPOT_PX} px of the panel",
+        explanation="a spot stands between pixels by their brightness",
+        remedy="use a panel with smaller pixels, or a longer lens",
+        corrected=False,
+    )
+    if any(item.rate_deg_per_s for item in sky.shown):
+        worst = max(sky.shown, key=lambda item: item.rate_deg_per_s * item.within_ms)
+        standard_s = TO_STANDARD * worst.within_ms / 1000
+        turned = worst.rate_deg_per_s * 3600 * standard_s
+        yield Term(
+            "screen time",
+            standard_s,
+            "s",
+            turned,
+            turned,
+            turned,
+            evidence="measured here: the page's clock, half a picture; and screen.latency_uncertainty_ms",
+            explanation="a scene that turns is somewhere else when it is drawn later",
+            remedy="measure the panel's latency and state screen.latency_ms with its uncertainty",
+            corrected=False,
+        )
 
 
 def _time(shown: InertialDirection, clock_error_s: float) -> Term:

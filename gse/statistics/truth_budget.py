@@ -14,7 +14,7 @@ docs/uncertainty.md explains each term and its default.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from gse.statistics.budget_terms import (
     fitted_mount,
     inertial_terms,
     model_terms,
+    screen_terms,
     site_terms,
     stated_mount,
     time_terms,
@@ -38,6 +39,8 @@ from gse.statistics.uncertainty import AxisUncertainty, Term, combined
 from gse.truth import Alignment, EarthOrientation
 from gse.values.axis import AXES, D_DE, D_RA_COSDE, Axis
 from gse.values.mount import Mount
+from gse.values.screen import Screen
+from gse.values.shown import ShownSky
 from gse.values.site import Site
 from protocols.description import DelayDescription, TimeDescription
 
@@ -52,7 +55,8 @@ class SessionFacts:
 
     ``alignment`` is the mount where it was fitted on other frames of the session. ``clock_by`` says whose bound that of
     the clock is. ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
-    ``time`` says what the time tags tell; a polled exposure may be ``poll_period_s`` older than it seems.
+    ``time`` says what the time tags tell; a polled exposure may be ``poll_period_s`` older than it seems. ``screen`` is
+    what stood before the sensor, and ``shown`` what it showed.
     """
 
     site: Site
@@ -68,6 +72,8 @@ class SessionFacts:
     clock_by: str = ""
     time: TimeDescription = _NO_DELAY_TIME
     poll_period_s: float = 0.0
+    screen: Screen | None = None
+    shown: ShownSky = field(default_factory=ShownSky)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +138,8 @@ def session_facts(session: SessionData, *, clock_error_s: float, clock_by: str =
         clock_by=clock_by,
         time=_time(session),
         poll_period_s=_poll_period_s(session),
+        screen=station.screen,
+        shown=session.shown,
     )
 
 
@@ -153,7 +161,9 @@ def _poll_period_s(session: SessionData) -> float:
 
 def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
     """The budget of a session; without Earth orientation there is no truth, and one unknown term says so."""
-    if facts.mount.inertial is not None:
+    if facts.screen is not None:
+        terms = tuple(screen_terms(facts.screen, facts.shown))
+    elif facts.mount.inertial is not None:
         terms = tuple(inertial_terms(facts.mount.inertial, facts.clock_error_s))
     elif facts.earth_orientation is None:
         terms = (_no_truth(),)

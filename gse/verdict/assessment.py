@@ -46,7 +46,7 @@ TRUTH_SHARE = 3.0
 LEFT_OUT = ": neither limit nor data: "
 """Between a subject and the names of its rows that a report leaves out, in a line of ``not_tested``."""
 
-RELATIVE = "relative to a mount fitted on"
+RELATIVE = "relative to a "
 """What a line of the reasons begins with that says so; it is no reason against PASS."""
 
 _REPR_COLUMNS = 110
@@ -111,7 +111,7 @@ def judge(session: SessionData) -> Assessment:
     """Measure a session and judge it."""
     stats = statistics(session)
     budget = _budget(session, stats)
-    relative = session.station.mount.align is not None
+    relative = _is_relative(session.station)
     rows = _rows(session, stats, budget)
     found = _causes(session, stats)
     mistake, kept = lost_station(session), frozenset[tuple[Subject, str]]()
@@ -165,7 +165,7 @@ def judge(session: SessionData) -> Assessment:
 
 
 def _rows(session: SessionData, stats: Statistics, budget: TruthUncertaintyBudget) -> tuple[Row, ...]:
-    relative = session.station.mount.align is not None
+    relative = _is_relative(session.station)
     return tuple(
         requirement.row(Case(subject, stats, budget, session.station.limits, relative))
         for subject in stats.subjects.values()
@@ -208,13 +208,20 @@ def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:
     return Verdict.PASS
 
 
+def _is_relative(station: Station) -> bool:
+    """Whether the mount, or the screen, was fitted on what the sensor saw."""
+    return station.mount.align is not None or (station.screen is not None and station.screen.to_sensor.fitted)
+
+
 def _relative_to(session: SessionData) -> str:
+    if session.station.mount.align is None:
+        return f"{RELATIVE}fitted screen: absolute pointing not tested"
     align_s, alignment, frames = session.station.mount.align_s or 0.0, session.alignment, session.frames.columns
     which = f"the first {align_s:g} s"
     if alignment is not None and alignment.from_ns - int(frames["utc_ns"].min()) > align_s * NS_PER_S:
         taken_s = (alignment.until_ns - alignment.from_ns) / NS_PER_S
         which = f"{taken_s:.0f} s from {to_text(alignment.from_ns, 0)}, the first of a sky that shows its stars"
-    return f"{RELATIVE} {which}: absolute pointing, site and clock not tested"
+    return f"{RELATIVE}mount fitted on {which}: absolute pointing, site and clock not tested"
 
 
 def is_left_out(row: Row, station: Station) -> bool:

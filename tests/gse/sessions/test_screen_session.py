@@ -61,6 +61,15 @@ def test_each_scene_is_truth_while_it_stood_on_the_screen(folder):
         assert rows[subject, "false answers"] == 0
 
 
+def test_the_budget_has_the_terms_of_a_screen_and_none_of_the_sky(folder):
+    budget = json.loads((folder / "report.json").read_text())["truth_budget"]
+    terms = {term["name"]: term for term in budget["terms"]}
+    assert set(terms) == {"screen direction", "screen roll", "pixel grid", "screen time"}
+    assert terms["screen time"]["ra_arcsec"] == 0  # sim:// draws at the instant itself
+    assert terms["screen direction"]["ra_arcsec"] == pytest.approx(10 / 1.96, abs=0.01)
+    assert terms["pixel grid"]["de_arcsec"] == pytest.approx(0.005 * 206264.8 * 0.1 / 500, abs=0.001)
+
+
 def test_what_was_shown_is_recorded_and_a_replay_gives_the_same_report(folder, tmp_path):
     replayed = CliRunner().invoke(cli, ["replay", str(folder), "--no-plots", "--out", str(tmp_path)])
     assert replayed.exit_code == 0, replayed.output
