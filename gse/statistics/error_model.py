@@ -110,10 +110,10 @@ _ROUGHNESSES = np.geomspace(1e-4, 1e3, 11)
 """Variances of the slow part's change from block to block, in that of the white noise of a block."""
 _WHITE_PRIOR = 0.5
 _TAU_POWER, _BEYOND_POWER = -0.75, 0.5
+"""The prior of a correlation time goes as its power: half way between even in tau's logarithm, and in 1 / tau."""
 _SHOWN = 10.0
 """A part that is slower than the session is not supposed where its change in the session would be hidden by the white
 noise: least variance of that change, in that of a block."""
-"""The prior of a correlation time goes as its power: half way between even in tau's logarithm, and in 1 / tau."""
 _FLOOR = 1e-2
 """Least variance of the blocks, in that which white noise of the scatter within them would leave: a pattern may cancel
 in each block."""

@@ -65,8 +65,6 @@ MISSING_SHARE = 0.5
 """Below this part of the share of expected stars that the clear session shows, a cloud hides the others."""
 
 _CLEAR_PERCENTILE = 90.0
-
-
 _EDGE_NS = 10 * NS_PER_S
 """Two windows of the sky's condition: so far beyond a stretch its edge may reach."""
 _BLOCK_NS = 30 * NS_PER_S
