@@ -32,7 +32,7 @@ _MOST_FOCAL = 0.25
 """As a share: more is another lens."""
 _MOST_PPM = 10_000.0
 """No clock runs 1 % fast; what does is a time tag in another unit."""
-_MOST_STEP_S, _MOST_SLIP_ARCSEC, _MOST_ARCSEC_PER_H = 3600.0, 36_000.0, 65_000.0
+_MOST_STEP_S, MOST_SLIP_ARCSEC, _MOST_ARCSEC_PER_H = 3600.0, 36_000.0, 65_000.0
 """An hour, ten degrees, and a little more than the sky turns: beyond them a step of the errors is of another kind."""
 MOST_SWING_ARCSEC = 600.0
 """No heater and no fan swings or shakes a mount by more than ten arcminutes."""
@@ -151,7 +151,7 @@ def _known_hpa(site: Site) -> float:
 
 def most_of_step(cause: str) -> tuple[float, float]:
     """What nature allows the step of a clock, in s, or the slip of a mount, in arcsec."""
-    most = _MOST_STEP_S if cause == "clock step" else _MOST_SLIP_ARCSEC
+    most = _MOST_STEP_S if cause == "clock step" else MOST_SLIP_ARCSEC
     return -most, most
 
 

@@ -23,6 +23,9 @@ from gse.diagnosis.set_up_mistake import (
     camera_mistake,
     lost_station,
     mistake_of,
+    moved_at_ns,
+    moved_mount,
+    parts_of,
     place_mistake,
     shared_turn,
     without_turn,
@@ -30,7 +33,7 @@ from gse.diagnosis.set_up_mistake import (
 from gse.external.identifier import ExternalCounts
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
-from gse.statistics.decision import Outcome, Row
+from gse.statistics.decision import Claim, Outcome, Row
 from gse.statistics.excuses import Evidence, excused
 from gse.statistics.session_statistics import Statistics, statistics
 from gse.statistics.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
@@ -117,13 +120,8 @@ def judge(session: SessionData) -> Assessment:
     mistake, kept = lost_station(session), frozenset[tuple[Subject, str]]()
     if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
         mistake = camera_mistake(session, stats.counted, found)
-        shared = shared_turn(session, stats, budget) if mistake is None else None
-        if shared is not None and (kept := _kept(rows, without_turn(session, shared.fit))):
-            if explained := place_mistake(session, stats.counted, found, shared):
-                mistake, found = explained[0], explained
-            else:
-                beside = (one for one in found if not one.is_gross and one.cause not in OF_PLACE)
-                found = (alignment_finding(shared), *beside)
+        if mistake is None:
+            mistake, kept, found = _turned(session, stats, budget, rows, found)
     available = {subject: of.available for subject, of in stats.subjects.items()}
     evidence = Evidence(session, available, mistake_of(mistake) if mistake else None, kept)
     rows = tuple(excused(row, requirement_of(row).claim, evidence) for row in rows)
@@ -172,6 +170,55 @@ def _rows(session: SessionData, stats: Statistics, budget: TruthUncertaintyBudge
         for requirement in REQUIREMENTS
         if requirement.applies(subject)
     )
+
+
+def _turned(
+    session: SessionData,
+    stats: Statistics,
+    budget: TruthUncertaintyBudget,
+    rows: tuple[Row, ...],
+    found: tuple[Finding, ...],
+) -> tuple[Finding | None, frozenset[tuple[Subject, str]], tuple[Finding, ...]]:
+    """The mistake of place, if there is one, the rows that keep their limit without its turn, and what was found.
+
+    One turn is looked for in the whole session, then one on either side of a slip, where that leaves fewer rows.
+    """
+    shared = shared_turn(session, stats, budget)
+    kept = _kept(rows, without_turn(session, shared.fit)) if shared is not None else frozenset()
+    failing = {
+        (row.subject, row.name)
+        for row in rows
+        if row.outcome is Outcome.FAIL and requirement_of(row).claim is not Claim.ABSENCE
+    }
+    if failing - kept and (moved := _moved(session, stats, rows, found)) and len(moved[1]) > len(kept):
+        slip, kept = moved
+        return slip, kept, (slip, *(one for one in found if not one.is_gross and one.cause not in OF_PLACE))
+    if shared is None or not kept:
+        return None, kept, found
+    if explained := place_mistake(session, stats.counted, found, shared):
+        return explained[0], kept, explained
+    beside = (one for one in found if not one.is_gross and one.cause not in OF_PLACE)
+    return None, kept, (alignment_finding(shared), *beside)
+
+
+def _moved(
+    session: SessionData, stats: Statistics, rows: tuple[Row, ...], found: tuple[Finding, ...]
+) -> tuple[Finding, frozenset[tuple[Subject, str]]] | None:
+    """That the mount was moved once, and the failing rows that keep their limit both before and after it."""
+    moved_ns = moved_at_ns(session, stats.counted)
+    if moved_ns is None:
+        return None
+    turns, kept = [], {(row.subject, row.name) for row in rows}
+    for part in parts_of(session, moved_ns):
+        of_part = statistics(part)
+        shared = shared_turn(part, of_part, _budget(part, of_part))
+        if shared is None:  # too few frames to tell where it looked
+            continue
+        if not shared.is_free:
+            return None
+        turns.append(shared)
+        kept &= _kept(rows, without_turn(part, shared.fit))
+    return (moved_mount(found, moved_ns, tuple(turns)), frozenset(kept)) if turns else None
 
 
 def _kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subject, str]]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from skies.known_nights import session
+from skies.known_nights import VOUCHED, session
 from skies.own_answers import with_answers, without_error
 
 from gse.station.columns import ANSWER_CHECKS, STATUSES
@@ -20,13 +20,13 @@ MOST = (*MORE, 400, 500, 569)
 """Up to what leaves thirty of them."""
 
 
-def elsewhere(made, rows):
+def elsewhere(made, rows, turn_deg=104.0):
     """The panoramas are of another sky, by the same turn, and both identifiers name its stars."""
-    frames, turn_arcsec = made.frames.columns, 104 * 3600.0
+    frames = made.frames.columns
     for name in ("d_ra_cosde_arcsec", "cross_x_arcsec"):
-        frames[name][rows] += turn_arcsec
+        frames[name][rows] += turn_deg * 3600
     for name in ("ra_deg", "ra_reference_deg"):
-        frames[name][rows] += 104.0
+        frames[name][rows] += turn_deg
 
 
 def absent(made, rows):
@@ -92,6 +92,39 @@ def test_more_frames_that_are_wrong_make_no_word_milder_and_no_row_better(kind, 
     assert last.verdict is Verdict.FAIL or not scattered
 
 
+@pytest.mark.parametrize("turn_deg", [0.4, 2.0])
+def test_a_mount_that_was_moved_in_the_session_is_a_mistake_of_the_set_up(turn_deg):
+    """For more than half of the session or less: nobody vouches that no one pushed it."""
+    for count in (30, 140, 299, 400):
+        made = session(FRAMES, step_s=1.0)
+        elsewhere(made, np.arange(FRAMES - count, FRAMES), turn_deg)
+        judged = judge(made)
+        assert judged.verdict is Verdict.INCONCLUSIVE, (count, judged.reasons)
+        assert judged.findings[0].cause == "slip of the mount", (count, judged.findings)
+
+
+def test_a_moved_mount_is_no_excuse_where_it_is_vouched_for():
+    made = session(FRAMES, step_s=1.0, station=VOUCHED)
+    elsewhere(made, np.arange(400, FRAMES), 2.0)
+    assert judge(made).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize("rows", [np.arange(0, FRAMES, 4), np.arange(200, 300)], ids=["scattered", "and back"])
+def test_a_sky_that_comes_back_is_no_moved_mount(rows):
+    made = session(FRAMES, step_s=1.0)
+    elsewhere(made, rows, 2.0)
+    assert judge(made).verdict is Verdict.FAIL
+
+
+def test_a_moved_mount_excuses_no_stars_that_are_wrong():
+    made = session(FRAMES, step_s=1.0)
+    elsewhere(made, np.arange(400, FRAMES), 2.0)
+    false(made, np.arange(0, FRAMES, 25))
+    judged = judge(made)
+    assert judged.verdict is Verdict.FAIL
+    assert [row.name for row in judged.rows if row.outcome is Outcome.FAIL] == ["false answers"]
+
+
 def with_own(rows=(), off_arcsec=0.0):
     """A sensor's own answers beside panoramas, some of them off in declination."""
     made = session(FRAMES, step_s=1.0)
@@ -112,7 +145,7 @@ def test_more_own_answers_that_are_off_make_no_word_milder(off_arcsec, scattered
 
 def test_own_answers_that_are_further_off_make_no_word_milder():
     """From false_arcsec on they are false and not averaged in: the rows of accuracy are those of the others."""
-    judged = [judge(with_own(order(True)[:60], off)) for off in (0, 20, 50, 100, 170, 300, 1000, 4000, 90_000)]
+    judged = [judge(with_own(order(True)[:60], off)) for off in (0, 20, 50, 100, 150, 300, 1000, 4000, 90_000)]
     words = [SEVERITY[one.verdict] for one in judged]
     assert words == sorted(words)
     assert (words[0], words[-1]) == (0, 2)
