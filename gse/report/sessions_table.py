@@ -33,6 +33,7 @@ from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.axis_statistics import AxisStatistics
 from gse.statistics.decision import Row
+from gse.statistics.sampling import Bounds
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import sky_summary
 from gse.statistics.spatial_errors import SpatialErrors
@@ -40,7 +41,7 @@ from gse.statistics.subject_statistics import SubjectStatistics, ThermalError
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.statistics.uncertainty import AxisUncertainty, Term
 from gse.values import instant
-from gse.values.axis import ALL_AXES, AXES, CROSS_X, CROSS_Y
+from gse.values.axis import ALL_AXES, AXES, CROSS_X, CROSS_Y, OF_SENSOR
 from gse.values.camera import Camera
 from gse.values.identifier_options import IdentifierOptions
 from gse.values.limits import Limits
@@ -175,13 +176,16 @@ def figures(stats: Statistics | None) -> Iterator[TableCell]:
 
 
 def _of_subject(subject: Subject, stats: SubjectStatistics | None) -> Iterator[TableCell]:
-    yield from columns_of(
-        SubjectStatistics, stats, subject.value, without=("subject", "axes", "thermal", "time_is_stated")
-    )
+    others = ("subject", "axes", "thermal", "time_is_stated", "at_confidence")
+    yield from columns_of(SubjectStatistics, stats, subject.value, without=others)
     for axis in ALL_AXES:
         stem = f"{subject.value}_{axis.key}"
         yield from columns_of(AxisStatistics, stats.axes[axis.key] if stats else None, stem)
         yield from columns_of(ThermalError, stats.thermal.get(axis.key) if stats else None, f"{stem}_thermal")
+    for axis in OF_SENSOR:
+        stem, figure = f"{subject.value}_{axis.key}_at_confidence", stats.at_confidence.get(axis.key) if stats else None
+        yield column(f"{stem}_arcsec", NUMBER, figure.value if figure else None)
+        yield from columns_of(Bounds, figure.bounds if figure else None, f"{stem}_bounds_arcsec")
 
 
 def truth_figures(budget: TruthUncertaintyBudget | None) -> Iterator[TableCell]:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import bdtrik, ndtr
 
 from gse.statistics.error_model import SESSION, ErrorModel, MixedStudent, error_model
 from gse.values.matrices import product
@@ -248,6 +248,25 @@ def effective_number(happened: NDArray[np.bool_]) -> float:
         return float(n)
     half_width = error_model(happened.astype(np.float64)).mean_error().half_width(TWO_SIDED)
     return min(share * (1 - share) * (_Z / half_width) ** 2, float(n))
+
+
+def quantile_bounds(values: NDArray[np.float64], share: float) -> tuple[float, Bounds, float]:
+    """The value that a share of all values (M,) in their order keeps, its bounds, and the effective number behind them.
+
+    By order statistics, whatever the distribution (David & Nagaraja 2003, section 7.1), of as many independent values
+    as the share beyond is worth. A bound for which there are too few is NaN: the upper one of 99.7 % needs 998.
+    """
+    if not _tells(values):
+        return (float(np.quantile(values, share)) if len(values) else _NAN), NO_BOUNDS, _NAN
+    ascending = np.sort(values)
+    value = _at_share(ascending, 1 - share)
+    number = effective_number(values > value)
+
+    def at(probability: float) -> float:
+        rank = 1 + float(bdtrik(probability, number, share))
+        return _at_share(ascending, 1 - rank / (number + 1)) if 1 <= rank <= number else _NAN
+
+    return value, Bounds(at(1 - TWO_SIDED), at(TWO_SIDED), at(1 - ONE_SIDED), at(ONE_SIDED)), number
 
 
 def _tells(values: NDArray[np.float64]) -> bool:

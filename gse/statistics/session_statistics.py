@@ -72,14 +72,14 @@ def statistics(session: SessionData) -> Statistics:
     frames = session.frames.columns
     counted = counted_frames(session)
     status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
-    limit_ms = session.station.limits.identification_ms
+    limits = session.station.limits
     field_rad = session.station.sensor.camera().diagonal_rad / 2
     convention = session_convention(session) if len(session.sensor_attitudes) else None
     unreadable = is_wrong(convention, session.station.sensor.attitude)
     if session.subject is Subject.SENSOR and unreadable:
         counted = counted.uncompared()
     answers = _of_frames(session, counted)
-    subjects = {session.subject: subject_statistics(session.subject, frames, answers, limit_ms, field_rad)}
+    subjects = {session.subject: subject_statistics(session.subject, frames, answers, limits, field_rad)}
     own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
     counted_own = None
     if own is not None:
@@ -87,7 +87,7 @@ def statistics(session: SessionData) -> Statistics:
         if unreadable:
             counted_own = counted_own.uncompared()
         answers = _sensor(own, counted_own)
-        subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, limit_ms, field_rad)
+        subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, limits, field_rad)
     given = {session.subject: (counted, _of_frames(session, counted).columns)}
     if own is not None and counted_own is not None:
         given[Subject.SENSOR] = counted_own, _sensor(own, counted_own).columns

@@ -18,9 +18,11 @@ from gse.statistics.availability import Outages, available_share
 from gse.statistics.axis_statistics import AxisStatistics, axis_statistics
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.decision import Figure, Share, share_of
-from gse.statistics.sampling import Percentiles, percentiles
+from gse.statistics.sampling import Percentiles, percentiles, quantile_bounds
 from gse.values.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, OF_SENSOR, Axis
 from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.instant import NS_PER_S
+from gse.values.limits import Limits
 from gse.values.matrices import pinv, product
 
 # Time to first fix: from a cold start to the first good answer, as a list over the starts of a session.
@@ -148,7 +150,9 @@ class SubjectStatistics:
     the limit of time. ``outage_s`` is the longest time
     between good answers. ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama
     for the onboard subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature
-    tells nothing; ``first_fixes_s`` has an entry for each start of the sensor.
+    tells nothing; ``first_fixes_s`` has an entry for each start of the sensor. ``at_confidence`` has an axis of the
+    sensor as key: the absolute error that ``limits.confidence`` of the frames keep; it is empty without such a limit.
+    ``output_rate_hz`` is of the subject's frames, right or wrong, without the gaps between them.
     """
 
     subject: Subject
@@ -169,6 +173,8 @@ class SubjectStatistics:
     outage_s: float
     thermal: dict[str, ThermalError | None]
     first_fixes_s: tuple[float, ...]
+    at_confidence: dict[str, Figure]
+    output_rate_hz: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +195,7 @@ def subject_statistics(
     subject: Subject,
     frames: Columns,
     answers: SubjectAnswers,
-    limit_ms: float,
+    limits: Limits,
     field_rad: float,
 ) -> SubjectStatistics:
     """Columns are taken one at a time: a selection of the rows of eight hours at 10 Hz is a copy of 40 MB."""
@@ -222,13 +228,36 @@ def subject_statistics(
         earth_rate=_earth_rate(_true_de_deg(frames, answers, used), axes[D_RA_COSDE.key]),
         time_ms=percentiles(timed),
         time_is_stated=answers.time_is_stated,
-        slow=_share(timed > limit_ms),
+        slow=_share(timed > limits.identification_ms),
         arrival_ms=percentiles(answers.arrival_ms[np.isfinite(answers.arrival_ms)]),
         acquisition_s=_acquisition_s(kept_ns, good[timed_frames]),
         outage_s=_outage_s(kept_ns, good[timed_frames]),
         thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
         first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][timed_frames], good[timed_frames]),
+        at_confidence=_at_confidence(errors, limits),
+        output_rate_hz=_output_rate_hz(
+            kept_ns[counted.answered[timed_frames]] if subject is Subject.SENSOR else kept_ns
+        ),
     )
+
+
+def _at_confidence(errors: Callable[[Axis], NDArray[np.float64]], limits: Limits) -> dict[str, Figure]:
+    if {limits.x_arcsec, limits.y_arcsec, limits.about_arcsec} == {None}:
+        return {}
+    figures = {}
+    for axis in OF_SENSOR:
+        along = errors(axis)
+        absolute = np.abs(along[np.isfinite(along)])
+        value, bounds, number = quantile_bounds(absolute, limits.confidence)
+        figures[axis.key] = Figure(value, bounds, number, len(absolute), _NAN)
+    return figures
+
+
+def _output_rate_hz(utc_ns: NDArray[np.int64]) -> float:
+    """Of instants (M,); a step of one and a half is a frame that is missing, which counts for the availability."""
+    steps = np.diff(np.sort(utc_ns))
+    kept = steps[steps <= 1.5 * np.median(steps)] if len(steps) else steps
+    return NS_PER_S / float(kept.mean()) if len(kept) and kept.mean() > 0 else _NAN
 
 
 def _true_de_deg(frames: Columns, answers: SubjectAnswers, used: NDArray[np.int64]) -> NDArray[np.float64]:

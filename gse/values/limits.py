@@ -28,12 +28,21 @@ class Limits:
 
     ``boresight_arcsec`` is for the half-cone that holds 95 % of the boresights, and None where nothing is asked of it.
     ``false_arcsec`` is how far a false answer lies off: three times the larger limit on the sky where it is not stated.
+    ``x_arcsec`` and ``y_arcsec`` are along the sensor's own columns and rows, ``about_arcsec`` is about its boresight,
+    each for the share ``confidence`` of the frames. These, ``output_rate_hz`` (at least) and ``first_fix_s`` are None
+    where nothing is asked.
     """
 
     d_ra_cosde_arcsec: Arcsec = 60.0
     d_de_arcsec: Arcsec = 60.0
     d_roll_arcsec: Arcsec = 600.0
     boresight_arcsec: Arcsec | None = None
+    x_arcsec: Arcsec | None = None
+    y_arcsec: Arcsec | None = None
+    about_arcsec: Arcsec | None = None
+    confidence: Annotated[float, Interval(ge=0.5, le=0.9999)] = 0.997
+    output_rate_hz: Annotated[float, Interval(gt=0, le=10_000)] | None = None
+    first_fix_s: Annotated[float, Interval(gt=0, le=86_400)] | None = None
     identification_ms: Annotated[float, Interval(gt=0, le=3_600_000)] = 200.0
     availability: Annotated[float, Interval(gt=0, le=1)] = 0.95
     false_arcsec: Arcsec | None = None

@@ -168,7 +168,7 @@ def _rows(session: SessionData, stats: Statistics, budget: TruthUncertaintyBudge
         requirement.row(Case(subject, stats, budget, session.station.limits, relative))
         for subject in stats.subjects.values()
         for requirement in REQUIREMENTS
-        if requirement.applies(subject)
+        if requirement.is_there(subject, session.station.limits)
     )
 
 

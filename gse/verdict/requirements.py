@@ -29,11 +29,11 @@ from gse.statistics.decision import (
     judge_figure,
     judge_share,
 )
-from gse.statistics.sampling import MIN_FRAMES
+from gse.statistics.sampling import MIN_FRAMES, NO_BOUNDS
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.subject_statistics import SubjectStatistics, figure_of
 from gse.statistics.truth_budget import TruthUncertaintyBudget
-from gse.values.axis import D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis
+from gse.values.axis import CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis
 from gse.values.limits import Limits
 from gse.values.text import percent
 from gse.verdict.compared_axis import ComparedRow as ComparedRow
@@ -165,6 +165,42 @@ class BySlowShare:
         return Bounded(subject.time_ms.p99, math.nan, math.nan)
 
 
+RATE_TOLERANCE = 1e-3
+"""A rate so little below its limit keeps it: clocks are not exact, and a limit is written with few digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class ByValue:
+    """A value that is counted, not estimated, and so is decided without an uncertainty.
+
+    It must not exceed its limit, or must reach it (``at_least``). NaN is not tested, infinity is what never happened.
+    """
+
+    value: Callable[[SubjectStatistics], float]
+    at_least: bool = False
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row of one subject."""
+        value, limit = self.value(case.subject), asked.limit
+        row = Row(asked.subject, asked.name, value, asked.unit, limit, Outcome.PASS)
+        if math.isnan(value):
+            return dataclasses.replace(row, outcome=Outcome.NOT_TESTED, reason=f"{asked.label}: too few frames to tell")
+        if value >= limit * (1 - RATE_TOLERANCE) if self.at_least else value <= limit:
+            return row
+        seen = f"is {value:.4g} {asked.unit}" if math.isfinite(value) else "never came"
+        return dataclasses.replace(
+            row, outcome=Outcome.FAIL, reason=f"{asked.label} {seen}, the limit is {limit:g} {asked.unit}"
+        )
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Not known: it is decided, and only what excuses a FAIL leaves it open."""
+        return math.nan
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """The value, which has no bounds."""
+        return Bounded(self.value(subject), math.nan, math.nan)
+
+
 @dataclass(frozen=True, slots=True)
 class AxisQuestion:
     """What is expected along one axis, its limit, and the standard uncertainty of truth."""
@@ -248,19 +284,20 @@ class Requirement:
     """One row of the verdict.
 
     ``limit`` is the key of its limit in Limits; where that is None, or the row does not ``apply`` to a subject, it is
-    not tested or not there. ``claim`` is what a FAIL says of the sensor. PASS needs the ``core`` rows of one subject.
-    Without a ``plan`` of its own it is planned by a session like it, without ``compared`` by its bounds. ``says`` is
-    the line of its documentation.
+    not tested or not there; an ``only_asked`` row is not there without its limit. ``claim`` is what a FAIL says of the
+    sensor. PASS needs the ``core`` rows of one subject. Without a ``plan`` of its own it is planned by a session like
+    it, without ``compared`` by its bounds. ``says`` is the line of its documentation.
     """
 
     name: str
     limit: str
     unit: str = ""
     claim: Claim
-    decided: ByBounds | ByShare | BySlowShare
+    decided: ByBounds | ByShare | BySlowShare | ByValue
     says: str
     applies: Callable[[SubjectStatistics], bool] = lambda _: True
     core: bool = False
+    only_asked: bool = False
     plan: Plan | None = None
     compared: CompareRows | None = None
 
@@ -268,6 +305,10 @@ class Requirement:
         """The limit; NaN where none is stated."""
         value = getattr(limits, self.limit)
         return math.nan if value is None else float(value)
+
+    def is_there(self, subject: SubjectStatistics, limits: Limits) -> bool:
+        """Whether a subject has this row."""
+        return self.applies(subject) and not (self.only_asked and math.isnan(self.limit_of(limits)))
 
     def keeps(self, value: float, limit: float) -> bool:
         """Whether a value is on the right side of a limit, its uncertainty aside."""
@@ -306,7 +347,7 @@ class Requirement:
     @property
     def at_least(self) -> bool:
         """Whether the limit is the lowest value that passes; else it is the highest."""
-        return isinstance(self.decided, ByShare) and self.decided.at_least
+        return isinstance(self.decided, (ByShare, ByValue)) and self.decided.at_least
 
     @property
     def share_column(self) -> str | None:
@@ -337,6 +378,33 @@ def _of_axis(
         entry(f"mean |{label}|", "mean_abs", f"mean of the absolute error in {label}", compared),
         entry(f"95 % of |{label}|", "p95_abs", f"absolute error in {label} that 95 % of the frames keep", not_compared),
     )
+
+
+_NO_FIGURE = Figure(math.nan, NO_BOUNDS, math.nan, 0, math.nan)
+"""Of a session whose own station file states no limit along the sensor's axes."""
+
+
+def _at_confidence(axis: Axis, name: str, limit: str, *, truth: tuple[Axis, ...], along: str) -> Requirement:
+    """The error along an axis of the sensor that a stated share of the frames keeps."""
+
+    def figure(subject: SubjectStatistics, duration_s: float) -> Figure:
+        return dataclasses.replace(subject.at_confidence.get(axis.key, _NO_FIGURE), duration_s=duration_s)
+
+    return Requirement(
+        name=name,
+        limit=limit,
+        unit=axis.unit,
+        claim=Claim.ACCURACY,
+        decided=ByBounds(figure, truth=truth),
+        says=f"absolute error {along} that the share `limits.confidence` of the frames keeps, by order statistics",
+        only_asked=True,
+    )
+
+
+def _slowest_fix_s(subject: SubjectStatistics) -> float:
+    """The longest of all starts; infinite where a start had none."""
+    fixes = subject.first_fixes_s
+    return max(math.inf if math.isnan(one) else one for one in fixes) if fixes else math.nan
 
 
 def _lost(case: Case) -> str:
@@ -411,10 +479,38 @@ REQUIREMENTS = (
         decided=ByBounds(lambda subject, s: figure_of(subject.half_cone_95, "p95_abs", s), truth=ON_SKY),
         says="angle about the true boresight that holds 95 % of the measured ones",
     ),
+    # However the sensor is rolled, truth is known along its x and y at least as well as by both axes of the sky.
+    _at_confidence(CROSS_X, "|x| at its confidence", "x_arcsec", truth=ON_SKY, along="along the sensor's columns"),
+    _at_confidence(CROSS_Y, "|y| at its confidence", "y_arcsec", truth=ON_SKY, along="along the sensor's rows"),
+    _at_confidence(
+        D_ROLL, "|about| at its confidence", "about_arcsec", truth=(D_ROLL,), along="about the sensor's boresight"
+    ),
     AVAILABILITY,
     FALSE_ANSWERS,
     STATED_TIME,
     HOST_TIME,
+    Requirement(
+        name="output rate",
+        limit="output_rate_hz",
+        unit="Hz",
+        claim=Claim.SLOWNESS,
+        decided=ByValue(lambda subject: subject.output_rate_hz, at_least=True),
+        says="frames of the sensor in a second, by their exposures and without gaps, at least (to 0.1 %)",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
+    ),
+    Requirement(
+        name="first fix",
+        limit="first_fix_s",
+        unit="s",
+        claim=Claim.ABSENCE,
+        decided=ByValue(_slowest_fix_s),
+        says="from the first frame of a start of the sensor to its first answer that is not false: the longest of all",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
+    ),
 )
 
 _BY_NAME = {requirement.name: requirement for requirement in REQUIREMENTS}

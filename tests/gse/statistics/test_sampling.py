@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from gse.statistics.axis_statistics import axis_statistics, drift
 from gse.statistics.decision import exceeds, guard, keeps
 from gse.statistics.error_model import MixedStudent, error_model
-from gse.statistics.sampling import effective_number, error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
+from gse.statistics.sampling import (
+    effective_number,
+    error_bounds,
+    mean_bounds,
+    quantile_bounds,
+    root_mean_square_bounds,
+    slope_bounds,
+)
 from gse.values.instant import NS_PER_S
 from gse.verdict.planning import Expected, accuracy_frames, availability_frames, false_answer_frames, simulated_errors
 
@@ -396,3 +403,22 @@ def test_what_scatters_about_a_slope_bounds_it_and_not_how_steep_it_is():
     assert steep.high - 50.0 == pytest.approx(flat.high, rel=1e-6)
     assert steep.upper - 50.0 == pytest.approx(flat.upper, rel=1e-6)
     assert flat.upper == pytest.approx(1.645 / math.sqrt(((at - 1.0) ** 2).sum()), rel=0.2)
+
+
+@pytest.mark.parametrize("scale", ["normal", "heavy"])
+def test_the_bounds_of_a_quantile_hold_its_true_value_whatever_the_distribution(scale):
+    law = scipy.stats.halfnorm if scale == "normal" else scipy.stats.expon(scale=3.0)
+    rng, true, found = np.random.default_rng(5), law.ppf(0.99), []
+    for _ in range(400):
+        found.append(quantile_bounds(law.rvs(size=800, random_state=rng), 0.99)[1])
+    for share in (np.mean([one.lower < true for one in found]), np.mean([one.upper > true for one in found])):
+        assert 0.92 <= share <= 0.99
+
+
+def test_the_upper_bound_of_997_in_1000_needs_998_independent_values():
+    """As many as bring 0.997 to the power of their number below 5 %; correlation that cannot be ruled out adds some."""
+    values = np.random.default_rng(1).exponential(size=1100)
+    value, bounds, number = quantile_bounds(values, 0.997)
+    assert 998 <= number <= 1100
+    assert bounds.lower < value < bounds.upper <= values.max()
+    assert math.isnan(quantile_bounds(values[:990], 0.997)[1].upper)

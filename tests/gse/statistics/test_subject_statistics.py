@@ -20,8 +20,9 @@ from gse.statistics.subject_statistics import (
     subject_statistics,
     thermal_error,
 )
-from gse.values.axis import ALL_AXES
+from gse.values.axis import ALL_AXES, OF_SENSOR
 from gse.values.instant import NS_PER_S
+from gse.values.limits import Limits
 
 HALF_TURN_ARCSEC = 648_000.0
 SECONDS = np.array([2.0, 0.0, 1.0, 3.0, 5.0, 6.5, 10.0, 11.0, 12.0, 13.0])
@@ -55,9 +56,10 @@ def answers(count=10, **changes):
     return replace(usual, **changes)
 
 
-def found(given, rows=None, *, limit_ms=100.0, field_rad=0.25):
+def found(given, rows=None, *, limit_ms=100.0, field_rad=0.25, **limits):
     made = frames() if rows is None else rows
-    return subject_statistics(Subject.SENSOR, made, given, limit_ms, field_rad)
+    asked = Limits(identification_ms=limit_ms, **limits)
+    return subject_statistics(Subject.SENSOR, made, given, asked, field_rad)
 
 
 def test_errors_are_those_of_the_used_frames_in_the_order_of_time():
@@ -241,3 +243,18 @@ def test_narrow_fields_are_cells_of_their_own_width_on_the_sphere(field_rad):
     vectors = np.column_stack([np.cos(np.radians(de)) * np.cos(np.radians(ra)),
                                np.cos(np.radians(de)) * np.sin(np.radians(ra)), np.sin(np.radians(de))])  # fmt: skip
     assert _star_fields(ra, de, field_rad) == len({tuple(cell) for cell in np.floor(vectors / field_rad).tolist()})
+
+
+def test_the_output_rate_is_that_of_the_answers_without_what_is_missing():
+    seconds = np.array([0.0, 0.1, 0.2, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+    assert found(answers(), frames(seconds)).output_rate_hz == pytest.approx(10.0)
+    assert found(answers(answered=mask(0, 2, 4, 6, 8)), frames(np.arange(10) / 10)).output_rate_hz == pytest.approx(5.0)
+    assert math.isnan(found(answers(1), frames([0.0])).output_rate_hz)
+
+
+def test_the_error_at_a_confidence_is_along_each_axis_of_the_sensor_where_one_is_asked():
+    assert found(answers()).at_confidence == {}
+    figures = found(answers(), x_arcsec=1.0, confidence=0.5).at_confidence
+    columns = answers().columns
+    for axis in OF_SENSOR:
+        assert (figures[axis.key].value, figures[axis.key].frames) == (np.median(columns[axis.column]), 10)

@@ -17,12 +17,21 @@ from gse.station.results import Subject, Verdict
 from gse.statistics.decision import Outcome
 from gse.values.limits import Limits
 from gse.verdict.assessment import judge
-from gse.verdict.requirements import REQUIREMENTS, ExpectedSession, requirement_named, requirement_of
+from gse.verdict.requirements import REQUIREMENTS, Case, ExpectedSession, requirement_named, requirement_of
 from gse.verdict.session_comparison import session_comparison
 from gse.verdict.session_plan import plan_like, rows_left
 
 DOCS = Path(__file__).parents[3] / "docs"
-LIMITS = replace(STATION.limits, boresight_arcsec=90.0)
+LIMITS = replace(
+    STATION.limits,
+    boresight_arcsec=90.0,
+    x_arcsec=90.0,
+    y_arcsec=91.0,
+    about_arcsec=900.0,
+    confidence=0.9,
+    output_rate_hz=1.0,
+    first_fix_s=5.0,
+)
 """With a limit for every row."""
 LIMITED = STATION.model_copy(update={"limits": LIMITS})
 
@@ -51,8 +60,8 @@ def test_each_limit_is_on_the_page_of_the_station_file():
     assert [one.limit for one in REQUIREMENTS if f"`limits.{one.limit}`" not in page] == []
 
 
-NO_ROW = {"decision", "false_arcsec"}
-"""The rule, and the number by which an answer is false: no figure is compared with them."""
+NO_ROW = {"decision", "false_arcsec", "confidence"}
+"""The rule, the number by which an answer is false, a share of frames: no figure is compared with them."""
 
 
 def test_every_limit_is_asked_for_by_a_row():
@@ -99,7 +108,8 @@ def test_the_forecast_waits_for_the_row_of_each_entry(judged, requirement):
 def test_a_session_like_another_is_planned_for_every_row_that_is_judged(judged):
     _, assessment = judged
     plan = plan_like(assessment, Subject.ONBOARD, LIMITS)
-    names = ["dRA*", "dDE", "roll", "half-cone of 95 % of the boresights", "availability", "false answers"]
+    own = [f"|{along}| at its confidence" for along in ("x", "y", "about")]
+    names = ["dRA*", "dDE", "roll", "half-cone of 95 % of the boresights", *own, "availability", "false answers"]
     assert [row.name for row in plan.rows] == names
     cone = plan.rows[3]
     assert (cone.limit, cone.unit, cone.frames) == (90.0, "arcsec", assessment.statistics.frames)
@@ -155,3 +165,50 @@ def test_each_limit_that_is_planned_moves_its_plan():
             )
         ]
         assert sum(one != other for one, other in zip(*plans, strict=True)) == 1
+
+
+OPTIONAL = [one for one in REQUIREMENTS if one.only_asked]
+
+
+def test_rows_that_only_some_sensors_are_specified_by_leave_no_trace_without_a_limit():
+    made = session()
+    report = summarise(made, judge(made))
+    text = json.dumps([report["measurements"], report["not_tested"]])
+    assert [one.name for one in OPTIONAL if one.name in text] == []
+    assert len(OPTIONAL) == 5
+
+
+def test_a_limit_along_one_axis_of_the_sensor_asks_for_that_row_alone():
+    made = session(station=STATION.model_copy(update={"limits": replace(STATION.limits, y_arcsec=60.0)}))
+    assert [row.name for row in judge(made).rows if requirement_of(row).only_asked] == ["|y| at its confidence"]
+
+
+def test_a_share_of_997_in_1000_frames_needs_998_of_them():
+    tight = STATION.model_copy(update={"limits": replace(STATION.limits, x_arcsec=60.0)})
+    few, enough = (judge(session(count, station=tight)) for count in (900, 1100))
+    outcomes = [row.outcome for one in (few, enough) for row in one.rows if row.name == "|x| at its confidence"]
+    assert outcomes == [Outcome.INCONCLUSIVE, Outcome.PASS]
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("output rate", {"output_rate_hz": (0.99, 0.9995, 2.0, math.nan)}),
+        ("first fix", {"first_fixes_s": ((1.0, 5.5), (1.0, 5.0), (0.0,), ())}),
+    ],
+)
+def test_a_counted_value_keeps_its_limit_or_does_not(judged, name, values):
+    _, assessment = judged
+    budget, stats = assessment.budget, assessment.statistics
+    ((field, given),) = values.items()
+    subjects = (replace(stats.onboard, **{field: value}) for value in given)
+    rows = [requirement_named(name).row(Case(one, stats, budget, LIMITS, False)) for one in subjects]
+    assert [row.outcome for row in rows] == [Outcome.FAIL, Outcome.PASS, Outcome.PASS, Outcome.NOT_TESTED]
+    assert f"the limit is {rows[0].limit:g}" in rows[0].reason
+
+
+def test_a_start_without_any_fix_never_came(judged):
+    _, assessment = judged
+    subject = replace(assessment.statistics.onboard, first_fixes_s=(0.5, math.nan))
+    row = requirement_named("first fix").row(Case(subject, assessment.statistics, assessment.budget, LIMITS, False))
+    assert (row.outcome, row.reason) == (Outcome.FAIL, "onboard first fix never came, the limit is 5 s")

@@ -802,6 +802,9 @@ def rows_of(subject=Subject.ONBOARD, *, star_fields=0, lost=0, relative=False, *
         time_is_stated=False,
         slow=share_of(0, 1000),
         time_ms=SimpleNamespace(p99=1.0),
+        at_confidence={},
+        output_rate_hz=1.0,
+        first_fixes_s=(0.0,),
     )
     counted = SimpleNamespace(expected=np.arange(1000) < 1000 - lost)
     stats = SimpleNamespace(duration_s=600.0, frames_expected=1000, counted=counted)
