@@ -8,13 +8,15 @@ import click
 
 from gse.cli.files import damage_code, write_new
 from gse.cli.options import fit_options, say
-from gse.config.choice import change_to, with_identifier
+from gse.config.choice import change_to, station_of, with_identifier
 from gse.config.edit import with_values
-from gse.errors import TruthError
+from gse.config.station import parse_station
+from gse.errors import TruthError, UsageError
 from gse.imaging.camera_fit import Calibration
 from gse.imaging.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.process.terminal import working
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.values.panorama import Panorama
 from gse.values.text import percent
 
 if TYPE_CHECKING:
@@ -42,23 +44,55 @@ def command(
     as_json: bool,
     tangential: bool,
 ) -> None:
-    """Fit focal length, principal point, radial distortion and mirror to the stars of the session FILE.
+    """Fit focal length, principal point, radial distortion and mirror to the stars of FILE: a session, a panorama
+    table (.csv) or an image.
 
     The fit starts from the camera of the station file; its focal length may be wrong by 25 %. Aberration and refraction
-    are corrected with the site and the times of the session. Use the new station file with `gse replay --station` or
-    `gse run --station`.
+    are corrected with the site and the times of the session; in the camera of a table or an image they remain. Without
+    --station the camera of an image is searched for, as by `gse identify`. Use the new station file with
+    `gse replay --station` or `gse run --station`.
     """
+    from gse.imaging.image_file import KNOWN_SUFFIXES
     from gse.sessions.panoramas import open_recording
     from gse.sessions.replay import ReplayOptions
 
+    if path.suffix.lower() in {*KNOWN_SUFFIXES, ".csv"}:
+        if from_utc or to_utc or start_utc:
+            raise UsageError(f"--from, --to and --start are for a session; {path} is one panorama")
+        result, station_text = _of_one_panorama(path, station_path, tangential=tangential)
+        _tell(result, station_text, write_path, as_json=as_json)
+        return
     with working("fitting the camera"):
         options = ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc)
         recording = open_recording(path, options, change_to(station_path))
         result = _calibrated(recording, tangential=tangential)
-    if write_path is not None:
-        write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
-    click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))
+    _tell(result, recording.station_text, write_path, as_json=as_json)
     ctx.exit(damage_code(path, damaged=recording.damaged))
+
+
+def _tell(result: SessionCalibration, station_text: str, write_path: Path | None, *, as_json: bool) -> None:
+    if write_path is not None:
+        write_new(write_path, with_values(station_text, "sensor", _sensor_values(result)))
+    click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))
+
+
+def _of_one_panorama(path: Path, station_path: Path | None, *, tangential: bool) -> tuple[SessionCalibration, str]:
+    """The camera of a table or an image, and the text of the station file that it was fitted from."""
+    from gse.cli.identify import found_station, seen_in
+    from gse.station.setup import set_up
+
+    seen = seen_in(path)
+    found = found_station(seen) if station_path is None and seen.size is not None else None
+    station, text = station_of(station_path) if found is None else (parse_station(found), found)
+    size = station.sensor.columns, station.sensor.rows
+    if seen.size not in (None, size):
+        if station_path is None:
+            raise UsageError(f"no focal length fits the objects of {path}; state the camera with --station")
+        raise UsageError(f"{path} has {seen.size} columns and rows, the station file {size}; expected the same")
+    setup = set_up(*with_identifier(station, text, "robust"), tell=say)
+    sample = PanoramaSample()
+    sample.add(Panorama(0, seen.xy_px, seen.brightness))
+    return calibrate_session(sample, setup.camera, setup.of_true_stars, None, tangential=tangential), text
 
 
 def _calibrated(recording: "Recording", *, tangential: bool) -> SessionCalibration:

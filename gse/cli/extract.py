@@ -42,6 +42,12 @@ MAX_MAP_BYTES = 1_000_000
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write to this new file instead of stdout.",
 )
+@click.option(
+    "--annotate",
+    "annotated_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Draw the objects into a new PNG of the picture, with the names of the stars where it can be identified.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.values.panorama/1.")
 def command(
     *,
@@ -51,6 +57,7 @@ def command(
     station_path: Path | None,
     bits: int | None,
     out_path: Path | None,
+    annotated_path: Path | None,
     as_json: bool,
 ) -> None:
     """Extract the panorama of IMAGE: PNG, TIFF (8, 12 or 16 bit), JPEG or FITS, rows in the order of the file.
@@ -58,7 +65,8 @@ def command(
     As in the LAPAN paper: the brightest pixel of each row, one pixel for each star, and of these the 30 with the
     highest index values (0 to 4096). With --sub-pixel: objects over the local background as Source Extractor finds
     them, the 30 with the most light, at their windowed centres; the index value is then the light over the background.
-    Take --sub-pixel for pictures of a camera.
+    Take --sub-pixel for pictures of a camera. --annotate names the stars with the camera of --station, or with one that
+    is found as by `gse identify`.
     """
     from gse.imaging.extraction import extract, extract_sub_pixel, without_hot_pixels
     from gse.imaging.image_file import read_picture
@@ -80,6 +88,36 @@ def command(
         click.echo(text, nl=False)
     else:
         write_new(out_path, text)
+    if annotated_path is not None:
+        write_new(annotated_path, _annotated(picture, objects, station_path))
+
+
+def _annotated(picture: "Picture", objects: "Objects", station_path: Path | None) -> bytes:
+    """The picture as PNG with a ring about each object, green and with its name about a star."""
+    from io import BytesIO
+
+    import numpy as np
+    from PIL import Image, ImageDraw
+
+    from gse.cli.identify import Seen, identified
+
+    xy_px, index = objects
+    light = picture.light()
+    rows, columns = light.shape
+    seen = Seen(xy_px.astype(np.float64), index.astype(np.float64), (columns, rows), picture.focal_length_px)
+    result, _ = identified(seen, station_path) if len(index) else (None, "")
+    names = {match.object: match.star for match in result.matches} if result else {}
+    dark, bright = np.percentile(light, [50, 99.9])
+    grey = np.clip((light - dark) / max(float(bright - dark), 1e-6), 0, 1) ** 0.5 * 255
+    drawn = Image.fromarray(grey.astype(np.uint8)).convert("RGB")
+    pen, radius = ImageDraw.Draw(drawn), max(columns, rows) / 120 + 3
+    for row, (x, y) in enumerate(xy_px.tolist()):
+        colour = "#40e060" if row in names else "#ff9030"
+        pen.ellipse((x - radius, y - radius, x + radius, y + radius), outline=colour, width=max(round(radius / 8), 1))
+        pen.text((x + 1.2 * radius, y), names.get(row, ""), fill=colour, font_size=max(radius, 10), anchor="lm")
+    written = BytesIO()
+    drawn.save(written, "PNG")
+    return written.getvalue()
 
 
 def _words(picture: "Picture", count: int) -> list[str]:

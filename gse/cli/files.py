@@ -21,11 +21,11 @@ def damage_code(path: Path, *, damaged: bool) -> int:
     return EXIT_DATA_LOST
 
 
-def write_new(path: Path, text: str) -> None:
-    """Write a new text file and print its path to stderr; UsageError where it exists or cannot be written."""
+def write_new(path: Path, content: str | bytes) -> None:
+    """Write a new file and print its path to stderr; UsageError where it exists or cannot be written."""
     try:
         with new_file(path) as file:
-            file.write(text.encode())
+            file.write(content.encode() if isinstance(content, str) else content)
     except FileExistsError:
         raise UsageError(f"{path} exists already; choose another name") from None
     except OSError as error:

@@ -46,20 +46,12 @@ def command(
     EXIF first, then from 5 to 70 deg of field, and its stars by the identifier robust. So are those of a table that
     does not fit its station file. The exit code is 1 if the panorama is not identified.
     """
-    seen = _seen(path)
-    station, text = station_of(station_path)
+    seen = seen_in(path)
     try:
         utc_ns = instant.from_text(utc_text) if utc_text else 0
     except ValueError as error:
         raise UsageError(f"--utc: {error}") from error
-    panorama = Panorama(utc_ns, seen.xy_px, seen.brightness)
-    result, label = None, "robust"
-    if station_path is not None or seen.size is None:
-        result, label = _observed(panorama, *with_identifier(station, text, identifier))
-    if result is None or result.status is Status.NO_MATCH:
-        sensor = station.sensor
-        seen = seen if seen.size is not None else replace(seen, size=(sensor.columns, sensor.rows))
-        result, label = _found_anyhow(panorama, seen, identifier) or (result, label)
+    result, label = identified(seen, station_path, identifier, utc_ns)
     if result is None and not len(seen.brightness):
         say("no object stands out of the picture: there is nothing to identify")
         ctx.exit(1)
@@ -77,7 +69,7 @@ def command(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class Seen:
     """Pixels (N, 2) and index values (N,) of objects; of an image also columns and rows, and EXIF's focal length."""
 
     xy_px: NDArray[np.float64]
@@ -86,16 +78,33 @@ class _Seen:
     focal_length_px: float | None = None
 
 
-def _seen(path: Path) -> _Seen:
+def seen_in(path: Path) -> Seen:
     """The objects of a table or of an image."""
     from gse.imaging.extraction import extract_sub_pixel
     from gse.imaging.image_file import KNOWN_SUFFIXES, read_picture
 
     if path.suffix.lower() not in KNOWN_SUFFIXES:
-        return _Seen(*read_panorama_table(path))
+        return Seen(*read_panorama_table(path))
     picture = read_picture(path)
     rows, columns = picture.counts.shape
-    return _Seen(*extract_sub_pixel(picture.light(), step=picture.step), (columns, rows), picture.focal_length_px)
+    return Seen(*extract_sub_pixel(picture.light(), step=picture.step), (columns, rows), picture.focal_length_px)
+
+
+def identified(
+    seen: Seen, station_path: Path | None, identifier: str | None = None, utc_ns: int = 0
+) -> tuple[FrameResult | None, str]:
+    """The result with a station file, or with a camera that is searched for, None without any; what identified it."""
+    station, text = station_of(station_path)
+    panorama = Panorama(utc_ns, seen.xy_px, seen.brightness)
+    result, label = None, "robust"
+    if station_path is not None or seen.size is None:
+        result, label = _observed(panorama, *with_identifier(station, text, identifier))
+    if result is None or result.status is Status.NO_MATCH:
+        sensor = station.sensor
+        found = found_station(seen if seen.size is not None else replace(seen, size=(sensor.columns, sensor.rows)))
+        if found is not None:
+            return _observed(panorama, *with_identifier(parse_station(found), found, identifier or "robust"))
+    return result, label
 
 
 def _observed(panorama: Panorama, station: Station, text: str) -> tuple[FrameResult, str]:
@@ -107,27 +116,29 @@ def _observed(panorama: Panorama, station: Station, text: str) -> tuple[FrameRes
     return StationLoop(setup).observe(panorama), setup.station.identifier.label
 
 
-def _found_anyhow(panorama: Panorama, seen: _Seen, identifier: str | None) -> tuple[FrameResult, str] | None:
-    """The result with a camera that is searched for, which is told; None where none fits."""
+def found_station(seen: Seen) -> str | None:
+    """A station file with a camera that fits the objects of a picture, found by search and told; None where none fits.
+
+    Its site is none.
+    """
     from gse.catalog import load_catalog
     from gse.identifier.camera_search import find_unknown_camera
 
     assert seen.size is not None
     columns, rows = seen.size
-    if len(panorama.brightness) < _FEWEST_FOR_A_SEARCH:
+    if len(seen.brightness) < _FEWEST_FOR_A_SEARCH:
         return None
     say("searching for the focal length: from 5 to 70 deg of field")
-    catalog = load_catalog(stars=_STARS)
+    catalog, panorama = load_catalog(stars=_STARS), Panorama(0, seen.xy_px, seen.brightness)
     camera = find_unknown_camera(panorama, columns, rows, catalog, first_px=seen.focal_length_px)
     if camera is None:
         return None
     across, down = (2 * math.degrees(math.atan(size / 2 / camera.focal_length_px)) for size in seen.size)
     mirrored = ", mirrored" if camera.mirrored else ""
     say(f"focal length {camera.focal_length_px:.1f} px fits: a field of {across:.1f} x {down:.1f} deg{mirrored}")
-    text = _STATION.format(
+    return _STATION.format(
         rows=rows, columns=columns, focal_length_px=camera.focal_length_px, mirrored=str(camera.mirrored).lower()
     )
-    return _observed(panorama, *with_identifier(parse_station(text), text, identifier or "robust"))
 
 
 _FEWEST_FOR_A_SEARCH = 8

@@ -25,6 +25,8 @@ from gse.values.star_influence import star_covariance
 
 MIN_STARS = 50
 """Five parameters (or seven) and three per panorama want more equations than that many stars give."""
+MIN_STARS_OF_ONE = 20
+"""One panorama has no more than 30 stars: these give 40 equations for its eight unknowns (or ten)."""
 
 _MIN_PER_FRAME = 4
 _ROUNDS = 30
@@ -98,8 +100,9 @@ def calibrate(
     """
     fields = [field for field in fields if len(field.xy_px) >= _MIN_PER_FRAME]
     stars = sum(len(field.xy_px) for field in fields)
-    if stars < MIN_STARS:
-        raise UsageError(f"{stars} identified stars are too few to calibrate on; expected at least {MIN_STARS}")
+    fewest = MIN_STARS_OF_ONE if len(fields) == 1 else MIN_STARS
+    if stars < fewest:
+        raise UsageError(f"{stars} identified stars are too few to calibrate on; expected at least {fewest}")
     anchor = anchor or camera
     prior = _prior(anchor)[: 7 if tangential else 5]
     free = _fitted(camera, anchor, fields, prior)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from devices.command_line import Gse
+from numpy.typing import NDArray
 from PIL import Image
 from skies.night_pictures import camera_of, night_picture, published
 
@@ -61,3 +62,40 @@ def test_a_picture_without_stars_is_not_identified(tmp_path: Path, gse: Gse) -> 
     done = gse("identify", tmp_path / "grey.png")
     assert (done.code, done.out) == (1, "")
     assert "no object stands out of the picture" in done.err
+
+
+def test_an_annotated_picture_rings_its_stars_in_green(tmp_path: Path, gse: Gse, picture: Image.Image) -> None:
+    picture.save(tmp_path / "sky.png")
+    done = gse("extract", "--sub-pixel", tmp_path / "sky.png", "--annotate", tmp_path / "named.png", "--json")
+    assert done.code == 0
+    drawn = np.asarray(Image.open(tmp_path / "named.png")).astype(int)
+    assert drawn.shape == (600, 800, 3)
+    rings = [_greener(drawn, x, y) for x, y in json.loads(done.out)["xy_px"]]
+    assert sum(rings) >= 25
+    assert gse("extract", tmp_path / "sky.png", "--annotate", tmp_path / "named.png").code == 2
+
+
+def _greener(drawn: NDArray[np.int64], x: float, y: float) -> bool:
+    """Whether there is green within the size of a ring."""
+    near = drawn[max(round(y) - 12, 0) : round(y) + 13, max(round(x) - 12, 0) : round(x) + 13]
+    return bool((near[..., 1] - near[..., 0] > 100).any())
+
+
+def test_an_annotated_picture_without_stars_has_no_names(tmp_path: Path, gse: Gse) -> None:
+    Image.new("L", (300, 200), 40).save(tmp_path / "grey.png")
+    done = gse("extract", "--sub-pixel", tmp_path / "grey.png", "--annotate", tmp_path / "named.png")
+    assert done.code == 0
+    assert np.ptp(np.asarray(Image.open(tmp_path / "named.png"))) == 0
+
+
+def test_the_camera_of_one_picture_or_table_is_calibrated(tmp_path: Path, gse: Gse, picture: Image.Image) -> None:
+    picture.save(tmp_path / "sky.png")
+    of_picture = gse("calibrate", tmp_path / "sky.png", "--json", "--write", tmp_path / "new.yaml")
+    assert of_picture.code == 0
+    true_px = camera_of(800, 600, ACROSS_DEG).focal_length_px
+    assert json.loads(of_picture.out)["focal_length_px"] == pytest.approx(true_px, rel=1e-3)
+    gse("extract", "--sub-pixel", tmp_path / "sky.png", "--out", tmp_path / "table.csv")
+    of_table = gse("calibrate", tmp_path / "table.csv", "--station", tmp_path / "new.yaml", "--json")
+    assert json.loads(of_table.out)["focal_length_px"] == pytest.approx(true_px, rel=1e-3)
+    refused = gse("calibrate", tmp_path / "sky.png", "--from", "2026-03-20T18:30:00Z")
+    assert (refused.code, "is one panorama" in refused.err) == (2, True)

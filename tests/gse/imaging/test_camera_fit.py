@@ -111,9 +111,11 @@ def test_a_few_stars_seen_again_and_again_leave_a_larger_sigma_than_as_many_diff
     assert abs(again.camera.focal_length_px - TRUE.focal_length_px) < 4 * again.sigma[0]
 
 
-def test_too_few_stars_are_refused_with_their_number():
-    with pytest.raises(UsageError, match="20 identified stars"):
-        calibrate(TRUE, random_fields(TRUE, np.random.default_rng(3), panoramas=1))
+@pytest.mark.parametrize(("panoramas", "stars", "said"), [(1, 19, "19 identified.* 20"), (2, 24, "48 identified.* 50")])
+def test_too_few_stars_are_refused_with_their_number(panoramas, stars, said):
+    fields = random_fields(TRUE, np.random.default_rng(3), panoramas=panoramas, stars=stars)
+    with pytest.raises(UsageError, match=said):
+        calibrate(TRUE, fields)
 
 
 @pytest.fixture(scope="module")
