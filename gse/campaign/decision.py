@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from gse.campaign.nights import Session, weighted
@@ -214,6 +215,11 @@ def campaign_share(nights: dict[str, list[Session]], subject: str, requirement: 
         for sessions in nights.values()
     ]
     count, of, n_eff = (np.array(column) for column in zip(*counts, strict=True))
+    return share_over_nights(count, of, n_eff)
+
+
+def share_over_nights(count: NDArray[np.float64], of: NDArray[np.float64], n_eff: NDArray[np.float64]) -> Share:
+    """The share of frames that nights (N,) have, each with its own effective number of them."""
     total = float(of.sum())
     if total == 0 or len(of) < 2:
         return share_of(int(count.sum()), int(total), float(n_eff.sum()))

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from gse.campaign.conditions import conditions
 from gse.campaign.dataset import UNKNOWN, DataSet
 from gse.campaign.decision import CampaignRow, campaign_rows, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.keys import OWN_STATION, software_sha256
-from gse.campaign.nights import Session, by_night, nightly, sessions_of
+from gse.campaign.nights import Session, by_night, nightly, sessions_of, with_answers
 from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
 from gse.campaign.star_places import SIGMAS
 from gse.campaign.trends import thermal, trends
@@ -102,7 +103,7 @@ def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable
     subjects = list(dict.fromkeys(row.subject for row in rows))
     subject = Subject(subjects[0]) if subjects else Subject.ONBOARD
     atlas = sensor_atlas(dataset, counted, each)
-    with_answers = by_night(sessions, too_short=True)
+    answering = by_night(sessions, too_short=True)
     return {
         "name": name,
         "serials": sorted({str(one.row["sensor_serial"]) for one in sessions if one.row["sensor_serial"]}),
@@ -123,12 +124,16 @@ def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable
         "frames": sum(int(one.row["frames"] or 0) for one in counted),
         "rows": [asdict(row) for row in rows],
         "trends_subject": subject.value,
-        "nights_with_answers": len(with_answers),
+        "nights_with_answers": len(answering),
         "trends": [
             {**asdict(one), "significant": one.significant}
-            for one in trends(with_answers, subject, atlas.scale if atlas else {})
+            for one in trends(answering, subject, atlas.scale if atlas else {})
         ],
         "thermal": [asdict(one) for one in thermal(nights, subject)],
+        "conditions": [
+            {**asdict(one), "holding": one.holding and {**asdict(one.holding), "text": one.holding.text()}}
+            for one in conditions(dataset, with_answers(sessions), subject, rows)
+        ],
         "hot_pixels": [asdict(one) for one in hot_pixels(_pixels(nights))],
         "atlas": _atlas(atlas) if atlas else None,
         "sky": _sky(sessions),

@@ -59,12 +59,14 @@ COLUMNS = (
 class Session:
     """The row of a session, instants in UTC nanoseconds.
 
-    ``left_out`` says why it does not count, or is empty. One that is only ``too_short`` still shows trends.
+    ``left_out`` says why it does not count, or is empty. One that is only ``too_short`` still shows trends, and one
+    that is not a damaged ``copy`` conditions, where any of its answers was compared with truth.
     """
 
     row: dict[str, Any]
     left_out: str
     too_short: bool = False
+    copy: bool = False
 
     @property
     def night(self) -> str:
@@ -107,7 +109,9 @@ def without_copies(sessions: Sequence[Session]) -> list[Session]:
         others = (other for other in found if other is not session and not other.left_out)
         whole = next((other for other in others if _covers(other.row, session.row)), None)
         if whole is not None:
-            found[number] = replace(session, left_out=f"damaged, and {whole.row['source']} has the same times")
+            found[number] = replace(
+                session, left_out=f"damaged, and {whole.row['source']} has the same times", copy=True
+            )
     return found
 
 
@@ -118,6 +122,11 @@ def by_night(sessions: Iterable[Session], *, too_short: bool = False) -> dict[st
         if not session.left_out or (too_short and session.too_short):
             nights.setdefault(session.night, []).append(session)
     return dict(sorted(nights.items()))
+
+
+def with_answers(sessions: Iterable[Session]) -> list[Session]:
+    """The sessions of which any answer was compared with truth, whether they count or not, copies left out."""
+    return [one for one in sessions if not one.row["error"] and not one.copy and _compared(one.row)]
 
 
 def nightly(nights: dict[str, list[Session]], column: str) -> dict[str, float]:

@@ -177,7 +177,7 @@ def campaign_html(report: dict[str, Any]) -> str:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.filters.update(number=_number, of_row=_of_row, with_digits_of=with_digits_of)
-    environment.filters.update(count_text=count_text, length_text=length_text)
+    environment.filters.update(count_text=count_text, length_text=length_text, share=_share_text)
     template = environment.from_string(
         resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
     )
@@ -216,6 +216,11 @@ def _laid_out(figure: Figure, draw: Callable[[Figure, dict[str, Any]], None], se
 def _number(value: float | None, digits: int = 3) -> str:
     """A number with significant digits, a dash where it is unknown."""
     return "–" if value is None else f"{value:.{digits}g}"
+
+
+def _share_text(value: float | None) -> str:
+    """A share in per cent, a dash where it is unknown."""
+    return "–" if value is None else percent(value, 2)
 
 
 def _of_row(value: float | None, row: dict[str, Any]) -> str:

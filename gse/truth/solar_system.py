@@ -59,6 +59,14 @@ def sun_and_moon_horizon(site: Site, utc_ns: NDArray[np.int64]) -> tuple[NDArray
     return _unit(sun_horizon), _unit(moon_horizon)
 
 
+def moon_lit_share(utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The lit share (M,) of the Moon's disc seen from the Earth's centre at instants (M,), good to 0.01."""
+    day, fraction = _julian_dates(utc_ns)
+    sun = _unit(-erfa.ufunc.epv00(day, fraction)[0]["p"])
+    moon = _unit(erfa.ufunc.moon98(day, fraction)["p"])
+    return np.asarray((1 - (sun * moon).sum(axis=1)) / 2)
+
+
 def icrs_to_horizon(site: Site, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     """Rotations (M, 3, 3) from ICRS axes to the horizon frame at instants (M,), with UTC for UT1: good to 15 arcsec.
 

@@ -357,6 +357,8 @@ def test_a_report_names_what_was_left_out_and_is_the_same_again(judged, gse, tmp
     page = (tmp_path / "first" / "campaign.html").read_text()
     assert page.index("Sensors and requirements") < page.index("Requirements of LAPAN-like over its nights")
     assert "foreign.mcap" in page
+    assert sum(part["frames"] for part in sensor["conditions"][0]["bins"]) > 0
+    assert "Conditions, LAPAN-like" in page
     assert "<strong>INCONCLUSIVE (SIMULATED)</strong>" in page
     assert page.count("<svg") >= 3
     assert gse("campaign", "report", judged, "--out", tmp_path / "first").code == 2

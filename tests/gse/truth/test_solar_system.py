@@ -9,7 +9,7 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from gse.truth import EarthOrientation, SiderealTruth
-from gse.truth.solar_system import bodies_icrs, icrs_to_horizon, sun_altitude_deg, sun_and_moon_horizon
+from gse.truth.solar_system import bodies_icrs, icrs_to_horizon, moon_lit_share, sun_altitude_deg, sun_and_moon_horizon
 from gse.values.instant import from_text
 from gse.values.site import Site
 
@@ -86,3 +86,14 @@ def test_the_sun_stands_opposite_to_the_earth() -> None:
         earth = erfa.epv00(2_440_587.5, instant / 86_400e9)[0]["p"]
         assert np.abs(seen + rotation @ earth / np.linalg.norm(earth)).max() < 1e-8
         assert sun_altitude_deg(SITES[3], instant) == pytest.approx(np.degrees(np.arcsin(seen[2])), abs=1e-9)
+
+
+def test_the_lit_share_of_the_moon_is_that_of_astropy() -> None:
+    days = [f"2026-03-{day:02d}T15:00:00" for day in (3, 7, 11, 18, 22, 26)]
+    with iers.conf.set_temp("auto_download", False), iers.conf.set_temp("auto_max_age", None):
+        sun, moon = (get_body(name, Time(days, scale="utc")).cartesian.xyz.to_value("km") for name in ("sun", "moon"))
+    to_sun, to_earth = sun - moon, -moon
+    cosine = (to_sun * to_earth).sum(axis=0) / np.linalg.norm(to_sun, axis=0) / np.linalg.norm(to_earth, axis=0)
+    lit = moon_lit_share(np.array([from_text(f"{day}Z") for day in days]))
+    assert lit == pytest.approx((1 + cosine) / 2, abs=0.01)
+    assert lit[0] > 0.99  # the eclipse of 3 March 2026
