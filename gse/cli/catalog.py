@@ -3,15 +3,18 @@
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 from gse.catalog import load_catalog
 from gse.catalog.flight import write_list, write_table
+from gse.catalog.mission import MAP_DEG, coverage, thinned
 from gse.catalog.readers import credit_of
 from gse.cli.files import write_new
 from gse.cli.folding import folded
@@ -38,19 +41,32 @@ def command() -> None:
 
 @command.command()
 @station_option
+@click.option(
+    "--fewer-than", type=click.IntRange(1, 1000), help="Coverage: fields with fewer stars.  [default: min_fit]"
+)
+@click.option("--magnitude", type=float, help="Coverage of stars down to this magnitude.  [default: all that are used]")
 @json_option
-def info(station_path: Path | None, as_json: bool) -> None:
-    """Show the stars that a station works with: source, epoch, counts, tables, build time, credit and licence."""
+def info(station_path: Path | None, fewer_than: int | None, magnitude: float | None, as_json: bool) -> None:
+    """Show the stars that a station works with: source, epoch, counts, tables, build time, credit and licence.
+
+    Coverage is the share of directions, all over the sky, whose field has too few stars, with a map of them; and what
+    is left where only the brightest of each field are kept.
+    """
     station, _ = station_of(station_path)
     with working("reading the catalogue and its tables"):
-        sections = _sections(station)
+        sections, stars = _sections(station)
+        covered, cells = _coverage(stars, station, fewer_than, magnitude)
+    sections["coverage"] = covered
     if as_json:
+        covered["map"] = [[None if math.isnan(share) else round(share, 3) for share in row] for row in cells.tolist()]
         click.echo(json.dumps({"schema": "gse.catalog/1", **sections}))
         return
     for section, facts in sections.items():
         click.echo(section)
         for name, value in (facts or {"none": "the identifier makes its own tables"}).items():
             click.echo(folded(f"  {name:<22} {_text(value)}", indent=25))
+    for line in _map_lines(cells, covered["fewer_than"]):
+        click.echo(line)
 
 
 @command.command()
@@ -101,10 +117,52 @@ def _write(path: Path, write: Callable[[TextIO], None]) -> None:
     write_new(path, text.getvalue())
 
 
-def _sections(station: Station) -> dict[str, Facts | None]:
+def _coverage(
+    stars: "StarCatalog", station: Station, fewer_than: int | None, magnitude: float | None
+) -> tuple[Facts, NDArray[np.float64]]:
+    """The facts, and the map of shares."""
+    camera, number = station.sensor.camera(), fewer_than or station.identifier.min_fit
+    used = stars if magnitude is None else stars.rows(np.flatnonzero(stars.magnitude <= magnitude))
+    if not len(used):
+        raise UsageError(f"no star is brighter than {magnitude:g} mag; the brightest has {stars.magnitude[0]:.2f} mag")
+    found, fewer = coverage(used, camera), thinned(used, camera, number)
+    left = coverage(fewer, camera)
+    facts = {
+        "fewer_than": number,
+        "faintest_magnitude": round(float(used.magnitude.max()), 2),
+        "directions": len(found.stars),
+        "share": round(found.share_below(number), 4),
+        "fewest_stars": int(found.stars.min()),
+        "median_stars": int(np.median(found.stars)),
+        "thinned_stars": len(fewer),
+        "thinned_of": len(used),
+        "thinned_share": round(left.share_below(number), 4),
+        "thinned_median_stars": int(np.median(left.stars)),
+    }
+    return facts, found.map_below(number)
+
+
+def _map_lines(cells: NDArray[np.float64], fewer_than: int) -> Iterator[str]:
+    """The map in text: a dot where no field has too few stars, else tenths of them from 1 to 9, # where all have."""
+    yield f"share of fields with fewer than {fewer_than} stars (. none, 1 to 9 tenths, # all)"
+    for row, shares in enumerate(cells):
+        marks = "".join(_mark(float(share)) for share in shares)
+        yield f"  DE {90 - (row + 1) * MAP_DEG:+4d} to {90 - row * MAP_DEG:+4d} deg  {marks}"
+    yield f"{'':22}RA 0h{'24h':>{cells.shape[1] - 5}}"
+
+
+def _mark(share: float) -> str:
+    if math.isnan(share):
+        return " "
+    return "." if share == 0 else "#" if share == 1 else str(min(max(round(10 * share), 1), 9))
+
+
+def _sections(station: Station) -> tuple[dict[str, Facts | None], "StarCatalog"]:
+    """The facts of a station's catalogues, and the stars that its identifier uses."""
     source, load_s = _timed(lambda: load_catalog(station.catalog))
     credit = credit_of(source.designation)
-    return {
+    mission, stars = _mission(station, source)
+    sections: dict[str, Facts | None] = {
         "source": {
             "name": source.source,
             "catalog": station.catalog,
@@ -117,11 +175,12 @@ def _sections(station: Station) -> dict[str, Facts | None]:
             "credit": credit.text,
             "licence": credit.licence,
         },
-        **_mission(station, source),
+        **mission,
     }
+    return sections, stars
 
 
-def _mission(station: Station, source: "StarCatalog") -> dict[str, Facts | None]:
+def _mission(station: Station, source: "StarCatalog") -> tuple[dict[str, Facts | None], "StarCatalog"]:
     camera = station.sensor.camera()
     identifier, ready_s = _timed(lambda: make_identifier(station.identifier, camera, source))
     stars = identifier.catalog
@@ -133,7 +192,8 @@ def _mission(station: Station, source: "StarCatalog") -> dict[str, Facts | None]
         "stars_per_mean_field": round(len(stars) * camera.solid_angle_sr / (4 * math.pi), 1),
         "ready_s": ready_s,
     }
-    return {"mission_catalog": mission, "pair_table": None if identifier.name == "robust" else _pairs(camera, stars)}
+    pairs = None if identifier.name == "robust" else _pairs(camera, stars)
+    return {"mission_catalog": mission, "pair_table": pairs}, stars
 
 
 def _pairs(camera: Camera, stars: "StarCatalog") -> Facts:

@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from skies.made_frames import FIELD_14_DEG
 
 from gse.catalog import StarCatalog, load_catalog, merge_doubles, mission_catalog, stars_for_field
+from gse.catalog.mission import coverage, thinned
 from gse.values.camera import Camera
 from gse.values.spiral import spiral_directions
 
@@ -82,3 +84,39 @@ def test_merging_keeps_the_light_and_leaves_none_closer_to_its_leader(places, se
     kept = np.array([own[int(i)] for i in merged.ids])
     gaps = np.linalg.norm(kept[:, None] - kept[None], axis=2)[np.triu_indices(len(kept), 1)]
     assert (gaps >= 60 * ARCSEC * 0.999).all()
+
+
+def test_the_coverage_is_that_of_random_directions_and_rolls():
+    """Against a count by rotations of scipy's, drawn uniformly from all of them."""
+    stars = mission_catalog(load_catalog(), FIELD_14_DEG)
+    found = coverage(stars, FIELD_14_DEG)
+    drawn = np.zeros(6000, dtype=np.int64)
+    for k, icrs_to_sensor in enumerate(Rotation.random(6000, random_state=3).as_matrix()):
+        x, y, z = icrs_to_sensor @ stars.icrs.T
+        half = np.array([FIELD_14_DEG.columns, FIELD_14_DEG.rows]) / 2 / FIELD_14_DEG.focal_length_px
+        drawn[k] = ((z > 0) & (np.abs(x) < half[0] * z) & (np.abs(y) < half[1] * z)).sum()
+    for number in (10, 14, 18, 25):
+        assert found.share_below(number) == pytest.approx((drawn < number).mean(), abs=0.02)
+    assert found.stars.mean() == pytest.approx(len(stars) * FIELD_14_DEG.solid_angle_sr / (4 * np.pi), rel=0.01)
+
+
+def test_the_map_shows_where_a_hole_in_the_catalogue_is():
+    directions = spiral_directions(40_000)
+    ra, de = np.radians([100, 40])
+    hole = np.array([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
+    icrs = directions[directions @ hole < np.cos(np.radians(25))]
+    stars = StarCatalog("made", 2016.0, np.arange(1, len(icrs) + 1), icrs, np.full(len(icrs), 5.0))
+    cells = coverage(stars, FIELD_14_DEG).map_below(5)
+    assert cells.shape == (12, 24)
+    assert cells[3, 6] == 1  # DE 30 to 45 deg, RA 90 to 105 deg
+    assert cells[3, 18] == cells[8, 6] == 0
+
+
+def test_a_thinned_catalogue_keeps_fields_that_have_too_few_stars_as_they_are():
+    stars = mission_catalog(load_catalog(), FIELD_14_DEG)
+    fewer = thinned(stars, FIELD_14_DEG, 8)
+    assert 0.4 < len(fewer) / len(stars) < 0.8
+    assert set(fewer.ids.tolist()) < set(stars.ids.tolist())
+    all_of_them, left = coverage(stars, FIELD_14_DEG), coverage(fewer, FIELD_14_DEG)
+    assert all_of_them.share_below(8) <= left.share_below(8) < 0.2
+    assert left.stars.mean() < all_of_them.stars.mean()

@@ -50,3 +50,24 @@ def test_the_robust_identifier_has_tables_of_its_own(tmp_path):
     facts = json.loads(info("--station", str(path), "--json"))
     assert facts["mission_catalog"]["identifier"] == "robust"
     assert facts["pair_table"] is None
+
+
+def test_the_coverage_says_how_many_fields_have_too_few_stars_and_what_thinning_does():
+    facts = json.loads(info("--json", "--fewer-than", "14"))["coverage"]
+    assert (facts["fewer_than"], facts["faintest_magnitude"]) == (14, 5.57)
+    assert 0.15 < facts["share"] <= facts["thinned_share"] < 1
+    assert facts["thinned_stars"] < facts["thinned_of"] == 4200
+    assert (len(facts["map"]), {len(row) for row in facts["map"]}) == (12, {24})
+    brighter = json.loads(info("--json", "--fewer-than", "14", "--magnitude", "5"))["coverage"]
+    assert brighter["share"] > facts["share"]
+    assert brighter["faintest_magnitude"] <= 5
+
+
+def test_the_map_of_coverage_is_drawn_and_too_bright_a_limit_is_refused():
+    lines = info("--magnitude", "4").splitlines()
+    rows = [line.split("deg  ")[1] for line in lines if line.startswith("  DE ")]
+    assert {len(row) for row in rows} == {24}
+    assert set("".join(rows)) <= set(".123456789#")
+    assert "#" in "".join(rows)
+    refused = CliRunner().invoke(command, ["info", "--magnitude", "-3"])
+    assert "no star is brighter than -3 mag; the brightest has -1.11 mag" in str(refused.exception)
