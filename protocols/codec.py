@@ -163,6 +163,20 @@ class FieldCodec:
         for at, shift in zip(self._bytes_3, (16, 8, 0), strict=True):
             rows[self.name][..., at] |= (words >> shift & 0xFF).astype(np.uint8)
 
+    def clear(self, rows: NDArray[Any]) -> None:
+        """Write no count into records (K,), so that another can be put there."""
+        field = self._field
+        if not self.is_packed:
+            rows[self.name] = 0
+            return
+        kept = ~((1 << field.width) - 1 << field.shift)
+        if field.word != BYTES_3:
+            word = rows[self.name].dtype
+            rows[self.name] &= word.type(kept & (1 << 8 * word.itemsize) - 1)
+            return
+        for at, shift in zip(self._bytes_3, (16, 8, 0), strict=True):
+            rows[self.name][..., at] &= np.uint8(kept >> shift & 0xFF)
+
     def count_of(self, value: Value) -> Count:
         """The count that says this value; EncodeError if there is none."""
         try:
@@ -313,6 +327,22 @@ class MessageCodec:
             return
         for field, count in zip(self._fields, counts, strict=True):
             field.put(rows, count)
+
+    def retimed(self, payload: bytes, time_us: int) -> bytes:
+        """The payload with another time, and all else as it is; EncodeError if the time does not fit."""
+        places = [at for at, field in enumerate(self._fields) if field.attribute == "time_us"]
+        if not places:
+            return payload
+        if self._split_time:
+            counts = [(at, self._fields[at].whole(count)) for at, count in self._split_time.counts(time_us)]
+        else:
+            counts = [(places[0], self._fields[places[0]].count_of(time_us))]
+        changed = bytearray(payload.ljust(self.layout.dtype.itemsize, b"\0"))  # objects by count may be fewer
+        rows = np.frombuffer(changed, self.layout.dtype, 1)
+        for at, count in counts:
+            self._fields[at].clear(rows)
+            self._fields[at].put(rows, count)
+        return bytes(changed[: len(payload)])
 
 
 class PanoramaCodec(MessageCodec):

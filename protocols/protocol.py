@@ -188,6 +188,19 @@ class Protocol:
         codec = self._codecs[NAME_OF[type(message)]]
         return codec.decode(codec.encode(message))
 
+    def resent(self, frame: Frame, message: Message, sequence: int, flags: int) -> bytes:
+        """A frame of this protocol anew, with the time of ``message`` and another sequence number.
+
+        All else of its payload is as it was; a panorama that came in parts goes in parts. EncodeError if the time does
+        not fit.
+        """
+        in_parts = frame.type == "PANORAMA" and self.panoramas is not None and self.panoramas.in_parts
+        if in_parts:
+            return self.encode(message, sequence, flags)
+        time_us = getattr(message, "time_us", None)
+        payload = frame.payload if time_us is None else self._codecs[frame.type].retimed(frame.payload, time_us)
+        return self.encode_payload(frame.type, payload, sequence, flags)
+
     def encode_payload(self, type_name: str, payload: bytes, sequence: int, flags: int = 0) -> bytes:
         """The bytes on the wire of a payload, without a check of its content."""
         layout, frames = self._codecs[type_name].layout, self.frame_layout

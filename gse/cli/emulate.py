@@ -1,15 +1,18 @@
-"""``gse emulate``: the simulated sensor on a pty or a TCP port."""
+"""``gse emulate``: the simulated sensor, or a recorded session, on a pty, a TCP port or a serial port."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from drivers.clock import read_clock
+from drivers.ports import is_mock
 from gse.cli.folding import folded
 from gse.cli.options import duration_option, station_option
 from gse.config.choice import station_of
+from gse.config.station import Port
 from gse.errors import UsageError
 from gse.process import terminal
 from gse.values.instant import NS_PER_S, to_text
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
 
 
 _LAST_PORT = 65535
+_OF_THE_SIMULATION = ("station_path", "scenario", "rate_hz", "standby", "start", "dark", "level")
+"""What a recorded session says itself."""
 
 
 @click.command("emulate")
@@ -26,6 +31,19 @@ _LAST_PORT = 65535
 @click.option(
     "--tcp", "tcp_address", metavar="HOST:PORT", help="Use a TCP port, e.g. 127.0.0.1:4000; port 0 is any free port."
 )
+@click.option("--port", "port_url", metavar="DEVICE", help="Use a serial port, whose other end the other program has.")
+@click.option(
+    "--session",
+    "session_path",
+    type=click.Path(path_type=Path, exists=True),
+    help="Play this recorded session instead, with the same bytes at the recorded pace.",
+)
+@click.option(
+    "--shift",
+    type=click.Choice(("now",)),
+    help="With --session: time tags, counters and checksums made anew for now, marked as test data.",
+)
+@click.option("--faults", help="With --session: faults of the cable, as of sim://, e.g. flip:1e-5,drop_frame:0.01.")
 @station_option
 @click.option("--scenario", default="clear-zenith", show_default=True, help="Name of a scenario, or a YAML file.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the noise.")
@@ -49,10 +67,16 @@ _LAST_PORT = 65535
     callback=duration_option(least_s=0.1),
     help="End after this time: 90, 90s, 5m, 1h30m.",
 )
+@click.pass_context
 def command(
+    ctx: click.Context,
     *,
     use_pty: bool,
     tcp_address: str | None,
+    port_url: str | None,
+    session_path: Path | None,
+    shift: str | None,
+    faults: str | None,
     station_path: Path | None,
     scenario: str,
     seed: int,
@@ -65,6 +89,8 @@ def command(
 ) -> None:
     """Simulate the sensor of a station file in real time, for this station or for other ground software.
 
+    With --session a recorded night is played to a flight computer. It begins when somebody opens the other end.
+
     The frames bear the flag `test`, so that no session with them passes for one of a sensor: it is SIMULATED. The
     address to open is printed on stdout. The emulator ends with Ctrl-C or after --duration.
     """
@@ -72,8 +98,17 @@ def command(
     from gse.simulator.emulator import Emulator
     from gse.simulator.outlook import outlook
 
-    if use_pty == (tcp_address is not None):
-        raise UsageError("give either --pty or --tcp HOST:PORT, for example --tcp 127.0.0.1:4000")
+    if use_pty + (tcp_address is not None) + (port_url is not None) != 1:
+        raise UsageError("give either --pty or --tcp HOST:PORT or --port DEVICE, for example --tcp 127.0.0.1:4000")
+    if session_path is not None:
+        given = [name for name in _OF_THE_SIMULATION if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+        if given:
+            options_given = [param.opts[-1] for param in ctx.command.params if param.name in given]
+            raise UsageError(f"a session has its own station and sky: leave out {', '.join(options_given)}")
+        _play(session_path, lambda port: _endpoint(tcp_address, port_url, port), shift, faults, seed, duration_s)
+        return
+    if shift or faults:
+        raise UsageError("--shift and --faults are for a recorded session: give --session too")
     options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
     options |= {"level": level, **({"standby": "yes"} if standby else {})}
     session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
@@ -87,7 +122,7 @@ def command(
     began_ns = read_clock().utc_ns
     offset_ns = session.start_utc_ns - began_ns if start else 0
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns, is_test=True)
-    endpoint = _endpoint(tcp_address)
+    endpoint = _endpoint(tcp_address, port_url, device.port)
     click.echo(endpoint.address)
     seen = outlook(device, session, "--start-utc chooses a night, --dark leaves the Sun's light out")
     click.echo(folded(seen, indent=2, err=True), err=True)
@@ -102,9 +137,46 @@ def command(
         endpoint.close()
 
 
-def _endpoint(tcp_address: str | None) -> "Endpoint":
-    from gse.simulator.emulator import TcpEndpoint
+def _play(
+    path: Path,
+    open_endpoint: Callable[[Port], "Endpoint"],
+    shift: str | None,
+    faults: str | None,
+    seed: int,
+    duration_s: float | None,
+) -> None:
+    """Play a recorded session until its end, or for a time."""
+    from gse.sessions.played import played_session
+    from gse.simulator.played_session import play
 
+    recording = played_session(path, is_shifted=shift is not None, faults=faults, seed=seed)
+    endpoint = open_endpoint(recording.port)
+    click.echo(endpoint.address)
+    click.echo(f"{path}: {recording.words}; press Ctrl-C to end", err=True)
+    terminal.end_sign()
+    began_ns = read_clock().mono_ns
+    try:
+        sent = play(
+            recording.items,
+            endpoint,
+            lambda: read_clock().mono_ns,
+            lambda: duration_s is not None and read_clock().mono_ns > began_ns + duration_s * NS_PER_S,
+            baudrate=recording.port.baudrate,
+        )
+    finally:
+        endpoint.close()
+    left_out = recording.frames.left_out if recording.frames else 0
+    also = f"; {left_out} frames cannot be made anew and were left out" if left_out else ""
+    click.echo(f"{sent} bytes played{also}", err=True)
+
+
+def _endpoint(tcp_address: str | None, port_url: str | None, of_station: Port) -> "Endpoint":
+    from gse.simulator.emulator import PortEndpoint, TcpEndpoint
+
+    if port_url is not None:
+        if is_mock(port_url):
+            raise UsageError(f"--port {port_url} is no cable; expected for example /dev/ttyUSB1")
+        return PortEndpoint(port_url, of_station.baudrate, of_station.line)
     if tcp_address is None:
         return _pty_endpoint()
     host, _, port = tcp_address.rpartition(":")

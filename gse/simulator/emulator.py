@@ -6,6 +6,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
+import serial
+
+from drivers.errors import PortError
+from drivers.ports import LineSettings, open_port
 from drivers.uart import received_at
 from gse.errors import UsageError
 from gse.simulator.firmware import BITS_PER_BYTE, SensorFirmware, Transmission
@@ -28,6 +32,9 @@ class Endpoint(Protocol):
 
     def send(self, data: bytes) -> None:
         """Bytes to the station; lost without one."""
+
+    def is_heard(self) -> bool:
+        """Whether somebody is at the other end, as far as the cable tells."""
 
     def listening_baud(self) -> int | None:
         """The baud rate of the station; None where the cable has none."""
@@ -76,6 +83,10 @@ class TcpEndpoint:
         except OSError:
             self._hang_up()
 
+    def is_heard(self) -> bool:
+        """Whether a client is connected."""
+        return self._client is not None
+
     def listening_baud(self) -> None:
         """TCP has no baud rate."""
 
@@ -97,6 +108,43 @@ class TcpEndpoint:
         if self._client is not None:
             self._client.close()
             self._client = None
+
+
+class PortEndpoint:
+    """A serial port of this computer, at whose other end the station is: a second adapter, or any pyserial URL."""
+
+    def __init__(self, url: str, baudrate: int, line: LineSettings) -> None:
+        """Open the port; PortError where that is not possible."""
+        self._port = open_port(url, baudrate, line)
+        self.address = url
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Bytes from the station, none when none came within the time."""
+        self._port.timeout = timeout_s
+        try:
+            return self._port.read(1) + self._port.read(self._port.in_waiting)
+        except OSError as error:
+            raise PortError(f"{self.address} is gone ({error}); plug it in and start again") from error
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the station; lost where it holds the line up."""
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException:
+            return
+        except OSError as error:
+            raise PortError(f"{self.address} is gone ({error}); plug it in and start again") from error
+
+    def is_heard(self) -> bool:
+        """A serial line does not tell."""
+        return True
+
+    def listening_baud(self) -> None:
+        """Nor the other end's baud rate: its UART reads what it reads."""
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
 
 
 _LONGEST_WAIT_S = 0.1

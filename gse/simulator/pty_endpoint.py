@@ -38,7 +38,7 @@ class PtyEndpoint:
 
     def send(self, data: bytes) -> None:
         """Bytes to the station, lost before it is open; unread ones are dropped, so that it reads new ones later."""
-        if termios.tcgetattr(self._station)[5] == _NOT_SET:
+        if not self.is_heard():
             return
         unread = struct.unpack("i", fcntl.ioctl(self._station, termios.FIONREAD, b"\0\0\0\0"))[0]
         if unread + len(data) > _UNREAD_LIMIT_BYTES:
@@ -47,6 +47,10 @@ class PtyEndpoint:
             os.write(self._sensor, data)
         except BlockingIOError:
             return
+
+    def is_heard(self) -> bool:
+        """Whether a program has set a baud rate since the terminal was made."""
+        return bool(termios.tcgetattr(self._station)[5] != _NOT_SET)
 
     def listening_baud(self) -> int | None:
         """The baud rate that the station has set; None for an unusual one."""

@@ -199,6 +199,9 @@ class RateSetInMidFrame:
         if len(self.received) > 1000:
             self.enough.set()
 
+    def is_heard(self) -> bool:
+        return True
+
     def listening_baud(self) -> int:
         return BAUDRATE // 2 if self.received else BAUDRATE
 
