@@ -41,6 +41,8 @@ class LinkKind(StrEnum):
     SENT = "SENT"
     """Bytes that the station sent, in hexadecimal digits: recorded as such on /serial/tx, never as an event."""
     LINE_ERRORS = "LINE_ERRORS"
+    OTHER_END = "OTHER_END"
+    PASSING = "PASSING"
     FAULT = "FAULT"
 
 

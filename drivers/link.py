@@ -31,6 +31,7 @@ from drivers.ports import (
     open_port,
     ports_here,
 )
+from drivers.second_port import SecondPort
 from drivers.session_file.records import MessageWriter, RecordedMessage
 
 # Reopening of a lost port: under its name, or its USB adapter under another name. Never another adapter that has got
@@ -57,6 +58,10 @@ class PortFinder:
     def remember(self, port: serial.Serial) -> None:
         """Note the USB identity of the port, if it has one."""
         self._adapter = self._at(str(port.port)) or self._adapter
+
+    def open_now(self) -> serial.Serial:
+        """The port, opened at once; PortError where that fails."""
+        return open_port(self._url, self._baudrate, self._line)
 
     @property
     def adapter(self) -> PortInfo | None:
@@ -174,9 +179,12 @@ class SerialLink:
         stamped_s: float | None = None,
         list_ports: Callable[[], list[PortInfo]] = ports_here,
         line: LineSettings = PLAIN_LINE,
+        pass_to: str | None = None,
+        tx_url: str | None = None,
     ) -> None:
         """Open the port; PortError with the reason if that fails. With ``wait_port`` a missing port is waited for.
 
+        ``pass_to`` is the port of a flight computer, to which all is passed, ``tx_url`` that of a tap on what it sends.
         ``stamped_s``: a port with its own time is at its end when so much of it has passed since its first item.
         """
         self.url = url
@@ -193,12 +201,18 @@ class SerialLink:
         except PortError as error:
             if not wait_port or not is_awaitable(url, error):
                 raise
-            self._live = _Receiver(url, finder, self._recorder, None, str(error))
+            second = _second_port(pass_to, tx_url, PortFinder(pass_to or tx_url or "", baudrate, list_ports, line))
+            self._live = _Receiver(url, finder, self._recorder, None, str(error), second=second)
         else:
             if isinstance(port, TimestampedSerial):
                 self._stamped = port
-            else:
-                self._live = _Receiver(url, finder, self._recorder, port)
+                return
+            try:
+                second = _second_port(pass_to, tx_url, PortFinder(pass_to or tx_url or "", baudrate, list_ports, line))
+            except PortError:
+                port.close()
+                raise
+            self._live = _Receiver(url, finder, self._recorder, port, second=second)
 
     @property
     def is_live(self) -> bool:
@@ -295,8 +309,16 @@ class _Receiver:
     """Thread that reads a live port and reopens it after a loss."""
 
     def __init__(
-        self, url: str, finder: PortFinder, recorder: MessageWriter, port: serial.Serial | None, absent: str = ""
+        self,
+        url: str,
+        finder: PortFinder,
+        recorder: MessageWriter,
+        port: serial.Serial | None,
+        absent: str = "",
+        *,
+        second: SecondPort | None = None,
     ) -> None:
+        self._second = second
         self._url, self._finder, self._recorder, self._port = url, finder, recorder, port
         if port is not None:
             finder.remember(port)
@@ -314,6 +336,8 @@ class _Receiver:
             *((LinkKind.OPENED, f"{url} is open") if port else (LinkKind.NO_PORT, f"waiting for the port: {absent}"))
         )
         self._thread = threading.Thread(target=self._run, name="receive", daemon=True)
+        if second is not None:
+            second.start(_read, self._hear, self._report)
         self._thread.start()
 
     @property
@@ -346,8 +370,21 @@ class _Receiver:
             raise PortError(f"cannot send to {self._url}: {error}") from error
         return chunk
 
+    def _hear(self, data: bytes) -> None:
+        """Bytes of the flight computer: on to the sensor, where they pass through here, and recorded as sent."""
+        chunk = Chunk(*now(), data)
+        port = self._port
+        if self._second is not None and self._second.passes and port is not None:
+            with contextlib.suppress(*_HANG_UPS):  # the reading thread tells that the port is gone
+                port.write(data)
+            self._second.took((time.monotonic_ns() - chunk.mono_ns) / 1e6)
+        self._recorder.tx(chunk)
+        self._items.put(_sent(chunk))
+
     def close(self) -> None:
         self._stop.set()
+        if self._second is not None:
+            self._second.close()
         port = self._port
         if port is not None and hasattr(port, "cancel_read"):
             with contextlib.suppress(*_HANG_UPS):
@@ -384,6 +421,8 @@ class _Receiver:
 
     def _take(self, data: bytes) -> None:
         chunk = Chunk(*now(), data)
+        if self._second is not None:
+            self._second.pass_on(data, chunk.mono_ns)
         self._recorder.rx(chunk)
         if self.backlog_bytes > MOST_BACKLOG_BYTES or self._items.qsize() > MOST_ITEMS:
             self._report_full()
@@ -463,6 +502,21 @@ class _Receiver:
             f"{here.device} is another adapter now ({here}): waiting for that of this session ({expected}); for "
             "another sensor start another session",
         )
+
+
+def _second_port(pass_to: str | None, tx_url: str | None, finder: PortFinder) -> SecondPort | None:
+    """The open port of the flight computer, or of the tap on its wire; PortError where it does not open."""
+    url = pass_to or tx_url
+    if url is None:
+        return None
+    port = finder.open_now()
+    finder.remember(port)
+
+    def reopen(stop: threading.Event) -> serial.Serial | None:
+        found = finder.open_again(stop, lambda here, expected: None)
+        return found[1] if found else None
+
+    return SecondPort(url, port, reopen, passes=pass_to is not None)
 
 
 def _sent(chunk: Chunk) -> LinkEvent:

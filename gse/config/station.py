@@ -23,7 +23,7 @@ from pydantic import (
 
 from drivers.host_files import a_file_or_a_shells_pipe
 from drivers.outside_text import is_plain, plain_lines
-from drivers.ports import LineSettings, Rs485
+from drivers.ports import LineSettings, Rs485, is_mock
 from gse.errors import ConfigError
 from gse.values.attitude_convention import AttitudeConvention
 from gse.values.camera import LEAST_SCALE, Camera
@@ -220,6 +220,20 @@ class Port(_Section):
     address: Annotated[int, Field(ge=0, lt=2**63)] | None = None
     host_address: Annotated[int, Field(ge=0, lt=2**63)] | None = None
     """Addresses on a shared line, instead of those of the protocol description."""
+    pass_to: Annotated[Text, Field(min_length=1)] | None = None
+    """The port of a flight computer whose line this is: all bytes pass both ways and are recorded."""
+    tx_url: Annotated[Text, Field(min_length=1)] | None = None
+    """The port of a tap on the wire from flight computer to sensor; ``url`` is that on the other wire."""
+
+    @model_validator(mode="after")
+    def _one_second_port(self) -> "Port":
+        second = self.pass_to or self.tx_url
+        if self.pass_to is not None and self.tx_url is not None:
+            raise ValueError("pass_to and tx_url: expected one of the two; a tap passes nothing on")
+        if second is not None and (is_mock(second) or second == self.url):
+            key = "pass_to" if self.pass_to else "tx_url"
+            raise ValueError(f"{key} is {second}: expected another port of this computer, e.g. /dev/ttyUSB1")
+        return self
 
     @property
     def line(self) -> LineSettings:
@@ -311,6 +325,15 @@ class Station(_Section):
         if not isinstance(shown, dict) or not isinstance(shown.get("at"), datetime):
             return value
         return {**value, "inertial": {**shown, "at": shown["at"].isoformat().replace("+00:00", "Z")}}
+
+    @model_validator(mode="after")
+    def _one_master(self) -> "Station":
+        key = "start" if self.sensor.start else "poll" if self.sensor.poll else ""
+        if key and (self.port.pass_to or self.port.tx_url):
+            raise ValueError(
+                f"sensor.{key} beside port.pass_to or port.tx_url: the flight computer asks the sensor there"
+            )
+        return self
 
     @model_validator(mode="after")
     def _screen_shows_a_direction(self) -> "Station":

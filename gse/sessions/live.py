@@ -237,7 +237,14 @@ def run_live(
     try:
         port = station.port
         link = SerialLink(
-            port.url, port.baudrate, recorder=recorder, wait_port=wait_port, stamped_s=duration_s, line=port.line
+            port.url,
+            port.baudrate,
+            recorder=recorder,
+            wait_port=wait_port,
+            stamped_s=duration_s,
+            line=port.line,
+            pass_to=port.pass_to,
+            tx_url=port.tx_url,
         )
     except DriverError:
         recorder.close()

@@ -225,11 +225,15 @@ UNKNOWN_DELAY_S = 0.2
 """From the end of an exposure to the first byte: sensors read out and think for 20 to 200 ms."""
 
 
-def time_terms(time: TimeDescription, baudrate: int, poll_period_s: float, at: ChangedTruth) -> list[Term]:
+def time_terms(
+    time: TimeDescription, baudrate: int, poll_period_s: float, passing_s: float, at: ChangedTruth
+) -> list[Term]:
     """When the exposure was: by the sensor's own absolute clock, or by the bytes that came after it."""
     if time.is_absolute:
         return [_sensor_clock(time.uncertainty_ms / 1000 * TO_STANDARD, time.scale, at)]
     terms = [_time_stamp(baudrate, at)]
+    if passing_s:
+        terms.append(_passing(passing_s, at))
     delay = time.delay_ms
     if delay is None or delay.most is not None:
         most_s = UNKNOWN_DELAY_S if delay is None or delay.most is None else delay.most / 1000
@@ -268,6 +272,21 @@ def _delay(standard: float, evidence: str, kind: Distribution, at: ChangedTruth,
         remedy="measure it (a pulse of light, the maker's figure): sensor.time.delay_ms: {value: 85, uncertainty: 10}",
         distribution=kind,
         corrected=False,
+    )
+
+
+def _passing(bound_s: float, at: ChangedTruth) -> Term:
+    """How much later a byte may be read because those before it were being passed on."""
+    standard = bound_s / math.sqrt(3)
+    return Term(
+        "passing on",
+        standard,
+        "s",
+        *at.about_the_pole(standard),
+        evidence=f"A: passing bytes on took up to {1000 * bound_s:g} ms in this session",
+        explanation="while bytes are passed to the flight computer the next ones wait to be read",
+        remedy="an idle machine; a tap on each wire (port.tx_url) passes nothing on",
+        distribution=Distribution.RECTANGULAR,
     )
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drivers.second_port import passing_bound_s
 from gse.station.clock_steps import instants_ns
 from gse.station.session_data import SessionData, middle_instant_ns
 from gse.statistics.budget_terms import (
@@ -55,8 +56,8 @@ class SessionFacts:
 
     ``alignment`` is the mount where it was fitted on other frames of the session. ``clock_by`` says whose bound that of
     the clock is. ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
-    ``time`` says what the time tags tell; a polled exposure may be ``poll_period_s`` older than it seems. ``screen`` is
-    what stood before the sensor, and ``shown`` what it showed.
+    ``time`` says what the time tags tell; a polled exposure may be ``poll_period_s`` older than it seems; passing bytes
+    on took up to ``passing_s``. ``screen`` is what stood before the sensor, and ``shown`` what it showed.
     """
 
     site: Site
@@ -72,6 +73,7 @@ class SessionFacts:
     clock_by: str = ""
     time: TimeDescription = _NO_DELAY_TIME
     poll_period_s: float = 0.0
+    passing_s: float = 0.0
     screen: Screen | None = None
     shown: ShownSky = field(default_factory=ShownSky)
 
@@ -138,6 +140,7 @@ def session_facts(session: SessionData, *, clock_error_s: float, clock_by: str =
         clock_by=clock_by,
         time=_time(session),
         poll_period_s=_poll_period_s(session),
+        passing_s=passing_bound_s(session.events),
         screen=station.screen,
         shown=session.shown,
     )
@@ -198,7 +201,7 @@ def _terms(facts: SessionFacts, orientation: EarthOrientation) -> list[Term]:
         *earth_terms(orientation, facts.utc_ns, at),
         *site_terms(facts.site, at),
         *air_terms(facts.site, facts.mount, at),
-        *time_terms(facts.time, facts.baudrate, facts.poll_period_s, at),
+        *time_terms(facts.time, facts.baudrate, facts.poll_period_s, facts.passing_s, at),
     ]
     if facts.alignment is None:
         mount = stated_mount(facts.mount, at)

@@ -343,3 +343,11 @@ def test_the_delay_of_a_sensor_has_a_term_unless_none_is_possible() -> None:
     assert standard_s("sensor clock", scale="gps", uncertainty_ms=0.1) == pytest.approx(5e-5, rel=0.03)
     assert standard_s("clock", scale="gps") is standard_s("time stamp", scale="gps") is None
     assert standard_s("poll", scale="host") is None
+
+
+def test_passing_bytes_on_is_a_term_of_its_own_in_a_session_that_does():
+    assert "passing on" not in stated()
+    passing = terms(replace(FACTS, passing_s=0.004))["passing on"]
+    # 4 ms, rectangular; the sky turns by 15.04 arcsec in a second.
+    turn_arcsec = math.hypot(passing.ra_arcsec, passing.roll_arcsec)
+    assert turn_arcsec == pytest.approx(0.004 / math.sqrt(3) * 15.041, rel=1e-4)
