@@ -158,10 +158,13 @@ def check(path: Path, begins_ns: int | None) -> None:
     of view, when it is dark tonight, how many stars the field will hold, and how long a session must be.
     """
     from gse.inspection.plausibility import plausibility
-    from gse.station.setup import check_external
+    from gse.station.polling import check_asking
+    from gse.station.setup import addressed, check_external
 
     station, _ = station_of(path)
-    check_external(station, load_protocol(station.protocol))
+    protocol = addressed(load_protocol(station.protocol), station)
+    check_external(station, protocol)
+    check_asking(station.sensor, station.port, protocol)
     load_catalog(station.catalog, stars=_FEW_STARS)
     camera = station.sensor.camera()
     good = (

@@ -57,6 +57,11 @@ _replayed = gathered(
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @station_option
 @identifier_option
+@click.option(
+    "--address",
+    type=click.IntRange(min=0, max=2**63 - 1),
+    help="Judge the sensor with this address on the recorded line, instead of that of the station file.",
+)
 @_replayed
 @live_options
 @clock_error_option
@@ -71,6 +76,7 @@ def command(
     path: Path,
     station_path: Path | None,
     identifier: str | None,
+    address: int | None,
     options: "ReplayOptions",
     live: LiveOptions,
     clock_error_s: float | None,
@@ -92,7 +98,7 @@ def command(
         replay = replay_session(
             path,
             options=options,
-            station=change_to(station_path, identifier),
+            station=change_to(station_path, identifier, address),
             make_listeners=lambda loop, folder: live_outputs.listeners(loop, folder, LiveState(loop.session.station)),
             tell=say,
         )

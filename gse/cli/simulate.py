@@ -58,12 +58,13 @@ def command(
     station file of the scenario. Replay it with gse replay.
     """
     from drivers.faults.options import parse_faults
-    from gse.sessions.asking import asking_of, check_asking
+    from gse.sessions.asking import asking_of
     from gse.sessions.live import new_session_folder
     from gse.simulator.device import scenario_of
     from gse.simulator.outlook import outlook
     from gse.simulator.recording import record_simulation
     from gse.simulator.scenario import load_scenario, scenario_names
+    from gse.station.polling import check_asking
     from gse.truth import EarthOrientation
     from protocols import load_protocol
 
@@ -84,7 +85,7 @@ def command(
     orientation = EarthOrientation.from_disk(described.start_utc_ns)
     if path is None:
         path = new_session_folder(out, f"{station.sensor.name}-{scenario}", described.start_utc_ns) / "session.mcap"
-    check_asking(station.sensor, load_protocol(station.protocol), station.port.baudrate)
+    check_asking(station.sensor, station.port, load_protocol(station.protocol))
     recording = record_simulation(
         path,
         station.model_copy(update={"port": port}),

@@ -19,15 +19,19 @@ ALGORITHMS = tuple(name for name in get_args(Algorithm) if name != "external")
 _PLUGS = ("command:", "library:", "entry-point:")
 
 
-def change_to(path: Path | None, algorithm: str | None = None) -> Callable[[StationText], StationText]:
+def change_to(
+    path: Path | None, algorithm: str | None = None, address: int | None = None
+) -> Callable[[StationText], StationText]:
     """What a replay does to the recorded station: another file in its place, another identifier under test.
+
+    With ``address`` it judges another sensor on the same line.
 
     The file is read here, once: results, and the key that they are kept under, follow from the same text.
     """
     given = station_of(path) if path else None
 
     def change(recorded: StationText) -> StationText:
-        return with_identifier(*(given or recorded), algorithm)
+        return with_address(*with_identifier(*(given or recorded), algorithm), address)
 
     return change
 
@@ -38,6 +42,16 @@ def station_of(path: Path | None) -> StationText:
         return parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT
     station, text = read_station(path)
     return _beside(station, path), text
+
+
+def with_address(station: Station, text: str, address: int | None) -> StationText:
+    """The station of another sensor on the same line, and its text."""
+    if address is None:
+        return station, text
+    # A raw capture has no port; an address alone must not make it that of the simulated sensor.
+    is_named = "port" in station.model_fields_set and text != BUILT_IN_TEXT
+    text = with_values(text, "port", {"address": address, **({} if is_named else {"url": "replay://"})})
+    return station.model_copy(update={"port": parse_station(text).port}), text
 
 
 def with_identifier(station: Station, text: str, name: str | None) -> StationText:

@@ -19,13 +19,14 @@ from drivers.uart import USUAL_BAUDS
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
 from gse.config.station import Station
-from gse.errors import GseError
+from gse.errors import GseError, UsageError
 from gse.external.answers import Failure
 from gse.external.identifier import Given, RunningIdentifier
 from gse.external.plugs import plug_of
 from gse.inspection.plausibility import Check, CheckOutcome, plausibility
 from gse.process.jit import WITHOUT_A_PLACE, machine_code_folder, why_without_a_place
-from gse.station.setup import ORION_RA_DE_DEG, example_places, sensor_description
+from gse.station.polling import check_asking
+from gse.station.setup import ORION_RA_DE_DEG, addressed, example_places, sensor_description
 from gse.station.unreadable_bytes import what_fits
 from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.truth import EarthOrientation
@@ -128,6 +129,10 @@ def _protocol(station: Station) -> Check:
         protocol = load_protocol(station.protocol)
     except ProtocolError as error:
         return Check("protocol", CheckOutcome.FAIL, str(error), "correct the description, or name a built-in one")
+    try:
+        check_asking(station.sensor, station.port, addressed(protocol, station))
+    except UsageError as error:
+        return Check("protocol", CheckOutcome.FAIL, str(error), "correct the station file: docs/station-file.md")
     return Check("protocol", CheckOutcome.OK, f"{protocol.name}: {', '.join(protocol.types)}")
 
 

@@ -16,9 +16,8 @@ from typing import Self
 from drivers.errors import PortError
 from drivers.link import SerialLink
 from gse.config.station import PollOptions, Sensor, StartOptions
-from gse.errors import UsageError
 from gse.values.instant import NS_PER_S
-from protocols import NAME_OF, EncodeError, Message, PanoramaMessage, Protocol, Request, Start, Stop
+from protocols import NAME_OF, Message, Protocol, Request, Start, Stop
 
 AGAIN_NS = 2 * NS_PER_S
 """START is repeated after this silence at the earliest; a sensor takes seconds to boot."""
@@ -130,29 +129,3 @@ def asking_of(sensor: Sensor, link: SerialLink, protocol: Protocol) -> Asking | 
     """What asks this sensor over a link; None where the station file has it asked nothing, or it is a recording."""
     options = sensor.start or sensor.poll
     return None if options is None or link.url.startswith("replay://") else Asking(link, protocol, options)
-
-
-def check_asking(sensor: Sensor, protocol: Protocol, baudrate: int) -> None:
-    """UsageError where the protocol has no such command, or the line is too slow for it."""
-    options = sensor.start or sensor.poll
-    if options is None:
-        return
-    key, command = ("start", Start(0.1)) if isinstance(options, StartOptions) else ("poll", Request())
-    try:
-        asked = protocol.encode(command, 0)
-    except EncodeError as error:
-        raise UsageError(f"sensor.{key}: {error}") from error
-    if options.period_ms == "asap" or not protocol.panoramas:
-        return
-    needed_ms = (len(asked) * (key == "poll") + _smallest_answer(protocol)) * 10_000 / baudrate
-    if float(options.period_ms) < needed_ms:
-        raise UsageError(
-            f"sensor.{key}.period_ms is {options.period_ms:g}: one answer takes {needed_ms:.1f} ms on the line at "
-            f"{baudrate} baud; give a longer period{', or `asap`' if key == 'poll' else ''}"
-        )
-
-
-def _smallest_answer(protocol: Protocol) -> int:
-    assert protocol.panoramas is not None
-    empty = PanoramaMessage.empty()
-    return len(protocol.encode(empty, 0))

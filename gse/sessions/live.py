@@ -36,12 +36,13 @@ from gse.recording.session_format import (
     shown_json,
     timing_json,
 )
-from gse.sessions.asking import Asking, asking_of, check_asking
+from gse.sessions.asking import Asking, asking_of
 from gse.sessions.status_file import StatusFile
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
 from gse.station.notes import Notes, event_of
+from gse.station.polling import check_asking
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed, check_external, set_up
 from gse.truth import EarthOrientation
@@ -226,7 +227,7 @@ def run_live(
     UsageError where an external identifier cannot be started: then nothing is left behind.
     """
     protocol = addressed(load_protocol(station.protocol), station)
-    check_asking(station.sensor, protocol, station.port.baudrate)
+    check_asking(station.sensor, station.port, protocol)
     check_external(station, protocol, operator.tell)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
     try:

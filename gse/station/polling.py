@@ -3,9 +3,11 @@
 from collections import deque
 
 from drivers.chunk import LinkEvent
+from gse.config.station import Port, Sensor, StartOptions
+from gse.errors import UsageError
 from gse.station.events import StationKind
 from gse.station.results import LinkCounters
-from protocols import Frame, FrameDecoder, Protocol, Request
+from protocols import EncodeError, Frame, FrameDecoder, PanoramaMessage, Protocol, Request, Start
 
 IN_A_ROW = 3
 """Requests without an answer that are an event; one alone is a missing frame."""
@@ -75,3 +77,31 @@ class Polling:
         self._foreign_told = True
         text = f"a command came that this station did not send ({data[:24].hex(' ').upper()}): a second master is there"
         return [LinkEvent(utc_ns, mono_ns, StationKind.SECOND_MASTER, text)]
+
+
+def check_asking(sensor: Sensor, port: Port, protocol: Protocol) -> None:
+    """UsageError where the protocol has no such command, or the line is too slow for it."""
+    options = sensor.start or sensor.poll
+    if options is None:
+        return
+    key, command = ("start", Start(0.1)) if isinstance(options, StartOptions) else ("poll", Request())
+    try:
+        asked = protocol.encode(command, 0)
+    except EncodeError as error:
+        raise UsageError(f"sensor.{key}: {error}") from error
+    if options.period_ms == "asap" or not protocol.panoramas:
+        return
+    needed_ms = (
+        (len(asked) * (key == "poll") + _smallest_answer(protocol)) * 1000 * port.line.bits_per_byte / port.baudrate
+    )
+    if float(options.period_ms) < needed_ms:
+        raise UsageError(
+            f"sensor.{key}.period_ms is {options.period_ms:g}: one answer takes {needed_ms:.1f} ms on the line at "
+            f"{port.baudrate} baud; give a longer period{', or `asap`' if key == 'poll' else ''}"
+        )
+
+
+def _smallest_answer(protocol: Protocol) -> int:
+    assert protocol.panoramas is not None
+    empty = PanoramaMessage.empty()
+    return len(protocol.encode(empty, 0))

@@ -14,11 +14,15 @@ from drivers.chunk import LinkEvent, LinkKind
 from drivers.link import SerialLink
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import TX, RecordedMessage
+from gse.config.choice import change_to
 from gse.config.station import BUILT_IN_TEXT, PollOptions, parse_station
-from gse.errors import ConfigError
+from gse.errors import ConfigError, UsageError
+from gse.inspection.plausibility import CheckOutcome
+from gse.inspection.preflight import checks
 from gse.sessions.asking import Asking
+from gse.sessions.replay import replay_session
 from gse.station.events import StationKind
-from gse.station.polling import Polling
+from gse.station.polling import Polling, check_asking
 from gse.station.results import LinkCounters
 from protocols import FrameDecoder, Request, load_protocol
 
@@ -162,3 +166,26 @@ def test_what_the_protocol_or_the_line_cannot_do_is_refused_before_the_port_open
     done = runner(capsys)("run", "--station", station, "--out", tmp_path / "runs")
     assert (done.code, advice in done.err) == (2, True)
     assert not (tmp_path / "runs").exists()
+    checked = runner(capsys)("config", "check", station)
+    assert (checked.code, advice in checked.err) == (2, True)
+    found = next(
+        check for check in checks(parse_station(station.read_text()), tmp_path, 1.0) if check.name == "protocol"
+    )
+    assert (found.outcome, advice in found.text) == (CheckOutcome.FAIL, True)
+
+
+def test_parity_and_stop_bits_count_in_what_the_line_can_carry() -> None:
+    text = BUILT_IN_TEXT.replace("  rows:", "  start: {period_ms: 19}\n  rows:")
+    plain = parse_station(text)
+    slower = parse_station(text.replace("url: sim://", "url: sim://\n  parity: even\n  stop_bits: 2"))
+    check_asking(plain.sensor, plain.port, load_protocol(plain.protocol))
+    with pytest.raises(UsageError, match=r"one answer takes 22\.5 ms"):
+        check_asking(slower.sensor, slower.port, load_protocol(slower.protocol))
+
+
+def test_a_replay_with_another_address_judges_another_sensor_of_the_line() -> None:
+    golden = Path(__file__).parents[3] / "replays" / "golden" / "nsp-polled.mcap"
+    own = replay_session(golden).session
+    others = replay_session(golden, station=change_to(None, address=0x0F)).session
+    assert 0 < len(others.frames) < 20 < len(own.frames)
+    assert others.link.bytes_in == own.link.bytes_in
