@@ -142,6 +142,12 @@ class _Finite(click.FloatRange):
 @click.option("--missing", type=_Finite(0, 1), help="Share of missing stars.  [default: 0]")
 @click.option("--whole-pixels/--sub-pixel", default=None, help="Precision of positions.  [default: --whole-pixels]")
 @click.option("--limit", type=_Finite(2, 10), help="Magnitude limit of the sensor.  [default: 6]")
+@click.option(
+    "--sky-to",
+    "sky_limit",
+    type=_Finite(2, 10),
+    help="With --preset pivot-paper: faintest star of the sky.  [default: that of the identifier's catalogue]",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of all noise.")
 @click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Number of processes.")
 @click.option("--scheduler", help="Address of a Dask scheduler whose workers do the work, e.g. tcp://127.0.0.1:8786.")
@@ -273,15 +279,21 @@ def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
     if options["limit"] is not None:
         optics = replace(optics, magnitude_limit=options["limit"])
     names = options["identifiers"] or names
+    sky_limit = options["sky_limit"]
     if angles:
         _refuse_for_angles(options)
+    if sky_limit is not None and (not angles or sky_limit < optics.magnitude_limit):
+        raise UsageError(
+            f"--sky-to {sky_limit:g} is for --preset pivot-paper, and as faint as its limit or fainter; other skies go "
+            "on to the end of the catalogue anyway"
+        )
     cells = [
         Cell(with_identifier(station, text, name)[0].identifier, conditions)
         for name in dict.fromkeys(names)
         for conditions in _conditions(base, options)
     ]
     note = f"{optics.name}, to magnitude {optics.magnitude_limit:g}, {options['frames']} frames, seed {options['seed']}"
-    plan = Plan(optics, tuple(cells), options["frames"], options["seed"], catalog, angles)
+    plan = Plan(optics, tuple(cells), options["frames"], options["seed"], catalog, angles, sky_limit)
     return plan, f"{note}\n{preset.note}" if preset else note
 
 

@@ -65,8 +65,11 @@ class Evaluator:
         self._plan = plan
         self._source = load_catalog(plan.catalog)
         self._ready: dict[int, tuple[FrameMaker, Identifier | ExternalIdentifier]] = {}
+        self._sky = self._source
         if plan.angle_noise:
-            self._source = of_angles(self._source, plan.optics.magnitude_limit)
+            limit = plan.optics.magnitude_limit
+            self._sky = of_angles(self._source, limit if plan.sky_limit is None else plan.sky_limit)
+            self._source = of_angles(self._source, limit)
 
     def run(self, cell: int, frames: range, stop: Callable[[], bool] = lambda: False) -> list[FrameOutcome]:
         """The outcomes of some frames of a cell, up to the first before which ``stop`` is true."""
@@ -85,7 +88,7 @@ class Evaluator:
         if plan.angle_noise:
             mission = brightest_per_field(self._source, 2 * plan.optics.radius_rad())
             exact = Conditions(conditions.name, 0.0, conditions.magnitude, whole_pixels=False, merge_px=0.0)
-            return FrameMaker(plan.optics, exact, self._source), _for_angles(cell, plan.optics, mission)
+            return FrameMaker(plan.optics, exact, self._sky), _for_angles(cell, plan.optics, mission)
         return FrameMaker(plan.optics, conditions, self._source), _for_field(cell, plan.optics, self._source)
 
     def _outcome(self, cell: int, frame: int, direction: NDArray[np.float64]) -> FrameOutcome:

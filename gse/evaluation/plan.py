@@ -70,6 +70,8 @@ class Plan:
     seed: int
     catalog: str
     angle_noise: bool = False
+    sky_limit: float | None = None
+    """Where the sky of ``angle_noise`` ends, in magnitudes; None: where the catalogue of the identifier does."""
 
     @property
     def fewest_stars(self) -> int:
@@ -120,7 +122,9 @@ PRESETS = {
         angle_noise=True,
         note="the paper's: 8 deg circular field, V = 6.0, 5 stars of each field, K = 4, noise on each angle between "
         "stars, 0.1 mag; ours, because it states none: tolerance 3 sigma, right = first star named right, stars within "
-        "60 arcsec are one, without --catalog BSC5 Gaia to 5.7 mag, a gate of 1 mag for match-group",
+        "60 arcsec are one, without --catalog BSC5 Gaia to 5.7 mag, a gate of 1 mag for match-group; its sky ends "
+        "where the catalogue does, so that magnitude noise lets no fainter star appear: with --sky-to 7.5 it goes on, "
+        "as a real one does",
     ),
     "lapan": Preset(
         Optics("14 x 14 deg", _square(14.0), 6.0),
@@ -228,6 +232,7 @@ def report(plan: Plan, rows: Sequence[Tally], *, interrupted: bool) -> dict[str,
         "frames": plan.frames,
         "seed": plan.seed,
         "angle_noise": plan.angle_noise,
+        "sky_limit": plan.sky_limit,
         "fewest_stars": plan.fewest_stars,
         "confidence": CONFIDENCE,
         "interrupted": interrupted,

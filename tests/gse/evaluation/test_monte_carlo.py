@@ -47,6 +47,17 @@ def test_every_frame_is_counted_once(gse):
     assert document["cells"][0]["rates"]["right"]["share"] > 0.85
 
 
+def test_stars_beyond_the_catalogue_that_noise_lets_appear_are_stars_that_pivot_does_not_know(gse):
+    """With hardly any magnitude noise none appears; with 0.5 mag one frame in five is lost to them."""
+    options = ("--preset", "pivot-paper", "--identifier", "pivot", "--frames", 150, "--noise-arcsec", 10)
+    for noise, least, most in ((0.0, -0.02, 0.02), (0.5, 0.1, 0.5)):
+        ends, goes_on = (
+            evaluated(gse, *options, "--magnitude-noise", noise, *more)["cells"][0]["rates"]["right"]["share"]
+            for more in ((), ("--sky-to", 7.5))
+        )
+        assert least <= ends - goes_on <= most
+
+
 def test_the_table_shows_what_went_wrong_beside_what_went_right(gse, tmp_path):
     done = gse("evaluate", "--preset", "lapan", "--frames", 8, "--figures", tmp_path / "figures")
     assert done.code == 0, done.err
@@ -75,6 +86,8 @@ def test_random_pixels_are_not_called_right(gse):
         (("--frames", "0"), "frames"),
         (("--preset", "pivot-paper", "--identifier", "robust"), "pivot and match-group only"),
         (("--preset", "pivot-paper", "--false-objects", "3"), "no pixels"),
+        (("--preset", "lapan", "--sky-to", "7.5"), "--preset pivot-paper"),
+        (("--preset", "pivot-paper", "--sky-to", "4"), "as faint as its limit"),
         (("--preset", "lapan", "--station", "any.yaml"), "camera"),
         (("--catalog", "no-such-file"), "no-such-file"),
     ],
