@@ -105,8 +105,8 @@ EXAMPLES = {
         "gse session trim session.mcap --to 2026-03-20T19:00:00Z",
     ),
     "session import": (
-        "gse session import capture.bin --station roof.yaml --start-utc 2026-03-20T18:30:00Z",
-        "gse session import capture.bin --start-utc 2026-03-20T18:30:00Z --clock-error 20ms -o night.mcap",
+        "gse session import capture.bin -s roof.yaml --start-utc 2026-03-20T18:30:00Z",
+        "gse session import capture.bin --start-utc 2026-03-20T18:30:00Z",
     ),
     "session export": (
         "gse session export session.mcap --format parquet --out tables",

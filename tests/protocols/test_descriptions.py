@@ -182,7 +182,7 @@ WRONG = {
         "no destination and source",
     ),
     "a destination without a source": (
-        changed("{name: flags, type: u8, bits: {0: stored}}", "{name: destination, type: u8}"),
+        changed("{name: flags, type: u8, bits: {0: stored, 1: test}}", "{name: destination, type: u8}"),
         "header",
         "needs both",
     ),

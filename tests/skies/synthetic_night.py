@@ -99,9 +99,9 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
     )
 
 
-def synthetic_night(count, **options):
+def synthetic_night(count, *, station=None, **options):
     """A Night of ``count`` frames at 10 Hz with events, clock readings and counters."""
-    session = SessionData(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
+    session = SessionData(station or parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
     frames = list(synthetic_frames(count, **options))
     add_frames(session.frames, frames)
     session.clock += [reading_at(frame.panorama.utc_ns) for frame in frames[::100]]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from devices.browser import Visits, browser
+from skies.known_nights import VOUCHED
 from skies.synthetic_night import synthetic_night
 
 from gse.report.files import write_report
@@ -16,7 +17,7 @@ from gse.verdict.assessment import judge
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    session = synthetic_night(200, bias_arcsec=(100.0, 0.0))
+    session = synthetic_night(200, station=VOUCHED, bias_arcsec=(100.0, 0.0))
     return write_report(session, judge(session), tmp_path_factory.mktemp("report"))["report.html"]
 
 

@@ -5,6 +5,7 @@ import threading
 import numpy as np
 import pytest
 from devices.patience import PATIENCE_S
+from skies.known_nights import VOUCHED
 from skies.one_by_one import add_frame, results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
@@ -32,7 +33,7 @@ def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
 
 @pytest.fixture(scope="module")
 def five_minutes():
-    return synthetic_night(3000)
+    return synthetic_night(3000, station=VOUCHED)
 
 
 @pytest.mark.parametrize(("added_arcsec", "words"), [(0.0, "PASS, if it ended now"), (90.0, "FAIL, if it ended now")])

@@ -19,12 +19,13 @@ from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unide
 from gse.identifier.robust import RobustIdentifier
 from gse.station.attitude_error import attitude_error
 from gse.station.columns import ANSWER_CHECKS
-from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC, FrameProcessor
+from gse.station.frame_processor import FrameProcessor
 from gse.station.identified import Identified
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, Matches, Starlight, Status
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.values.attitude import Attitude, paper_mean
+from gse.values.limits import Limits
 from gse.values.mount import InertialDirection, Mount
 from gse.values.panorama import Panorama, Panoramas
 
@@ -377,13 +378,16 @@ class KnownAir:
         return stars - self.std_rad * np.outer([1.0, -1.0, 1.0, -1.0], [0.6, 0.8, 0.0])
 
 
+FALSE_BEYOND_ARCSEC = Limits().false_beyond_arcsec
+
+
 @pytest.mark.parametrize(
     ("separation_arcsec", "std_arcsec", "check"),
     [
-        (SAME_BORESIGHT_ARCSEC + 3 * 60.0 - 0.1, 60.0, AnswerCheck.CORRECT),
-        (SAME_BORESIGHT_ARCSEC + 3 * 60.0 + 0.1, 60.0, AnswerCheck.FALSE),
-        (SAME_BORESIGHT_ARCSEC, 0.0, AnswerCheck.FALSE),
-        (SAME_BORESIGHT_ARCSEC - 0.1, 0.0, AnswerCheck.CORRECT),
+        (FALSE_BEYOND_ARCSEC + 3 * 60.0 - 0.1, 60.0, AnswerCheck.CORRECT),
+        (FALSE_BEYOND_ARCSEC + 3 * 60.0 + 0.1, 60.0, AnswerCheck.FALSE),
+        (FALSE_BEYOND_ARCSEC, 0.0, AnswerCheck.FALSE),
+        (FALSE_BEYOND_ARCSEC - 0.1, 0.0, AnswerCheck.CORRECT),
         (1799.9, 1000.0, AnswerCheck.CORRECT),
         (1800.0, 1000.0, AnswerCheck.FALSE),  # air does nothing of the kind
         (float("nan"), 1000.0, AnswerCheck.FALSE),

@@ -276,7 +276,7 @@ def test_a_sensor_that_names_itself_otherwise_than_before_is_an_event_and_one_th
     setup: Setup,
 ) -> None:
     loop = StationLoop(setup)
-    loop.take([Chunk(*at(second), status(serial)) for second, serial in enumerate((7, 0, 7, 8, 0, 8))])
+    loop.take([Chunk(*at(second), status(serial=serial)) for second, serial in enumerate((7, 0, 7, 8, 0, 8))])
     told = [event for event in loop.session.events if event.kind == "OTHER_SENSOR"]
     assert [event.text for event in told] == [
         "the sensor says that it is number 8, it was 7 before: two sensors in one session"

@@ -32,7 +32,7 @@ def test_all_counters_of_a_link_begin_at_nothing():
     counters = asdict(LinkCounters())
     assert counters.pop("discarded_bytes_by_reason") == {}
     assert counters == dict.fromkeys(counters, 0)
-    assert len(counters) == 9
+    assert len(counters) == 14
 
 
 def test_a_match_has_the_length_of_its_residual_and_the_name_of_its_star():
