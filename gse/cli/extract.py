@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 MAX_MAP_BYTES = 1_000_000
 """Some 100,000 hot pixels: a detector with more is dead."""
 
+_LONGEST_NAME = 16
+"""Characters of a name that is drawn beside its star; a number of Gaia has 28, which hide each other."""
+
 
 @click.command("extract")
 @click.argument("image", type=click.Path(path_type=Path))
@@ -93,7 +96,7 @@ def command(
 
 
 def _annotated(picture: "Picture", objects: "Objects", station_path: Path | None) -> bytes:
-    """The picture as PNG with a ring about each object, green and with its name about a star."""
+    """The picture as PNG with a ring about each object, green about a star and with its name, if it has one."""
     from io import BytesIO
 
     import numpy as np
@@ -114,7 +117,9 @@ def _annotated(picture: "Picture", objects: "Objects", station_path: Path | None
     for row, (x, y) in enumerate(xy_px.tolist()):
         colour = "#40e060" if row in names else "#ff9030"
         pen.ellipse((x - radius, y - radius, x + radius, y + radius), outline=colour, width=max(round(radius / 8), 1))
-        pen.text((x + 1.2 * radius, y), names.get(row, ""), fill=colour, font_size=max(radius, 10), anchor="lm")
+        name = names.get(row, "")
+        shown = name if len(name) <= _LONGEST_NAME else ""
+        pen.text((x + 1.2 * radius, y), shown, fill=colour, font_size=max(radius, 10), anchor="lm")
     written = BytesIO()
     drawn.save(written, "PNG")
     return written.getvalue()
