@@ -123,6 +123,7 @@ EXAMPLES = {
     "sensor start": (
         "gse sensor start --station roof.yaml",
         "gse sensor start --period 0.1 --port /dev/ttyUSB0",
+        "gse sensor start --session sessions",
     ),
     "sensor stop": ("gse sensor stop --station roof.yaml", "gse sensor stop --port /dev/ttyUSB0"),
     "sensor status": ("gse sensor status --station roof.yaml", "gse sensor status --port /dev/ttyUSB0 --json"),

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,12 +12,16 @@ from drivers.urlhandlers.protocol_sim import register
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.options import out_option, station_option
 from gse.config.choice import station_of
+from gse.errors import UsageError
 from protocols import Message, Ping, Request, SetExposure, Start, StatusMessage, Stop
+
+if TYPE_CHECKING:
+    from gse.sessions.commanding import Commanded
 
 
 @click.group("sensor")
 def command() -> None:
-    """Send a command to the sensor. The command and the answer are recorded in a new session."""
+    """Send a command to the sensor. It and the answer are recorded, in a new session or in that of --session."""
 
 
 def _shared(function: Callable[..., None]) -> Callable[..., None]:
@@ -27,7 +31,14 @@ def _shared(function: Callable[..., None]) -> Callable[..., None]:
     json_option: Callable[[Any], Any] = click.option(
         "--json", "as_json", is_flag=True, help="Print the answer as one JSON object."
     )
-    return station_option(port_option(out_option(json_option(function))))  # type: ignore[no-any-return]
+    session_option: Callable[[Any], Any] = click.option(
+        "--session",
+        "beside",
+        metavar="FOLDER",
+        type=click.Path(path_type=Path),
+        help="Send through the running session, which has the port: its folder, or the --out that it was started with.",
+    )
+    return station_option(port_option(session_option(out_option(json_option(function)))))  # type: ignore[no-any-return]
 
 
 @command.command()
@@ -74,7 +85,27 @@ def exposure(exposure_s: float, **options: Any) -> None:
     _send(SetExposure(exposure_s), **options)
 
 
-def _send(message: Message, *, station_path: Path | None, url: str | None, out: Path, as_json: bool) -> None:
+def _send(
+    message: Message, *, station_path: Path | None, url: str | None, beside: Path | None, out: Path, as_json: bool
+) -> None:
+    done = _beside(message, beside) if beside else _alone(message, station_path, url, out)
+    _show(done, as_json=as_json)
+
+
+def _beside(message: Message, path: Path) -> "Commanded":
+    from gse.cli.status import newest_session
+    from gse.sessions.commanding import command_beside
+    from gse.sessions.status_file import is_running
+
+    folder, status = newest_session(path)
+    if not is_running(status) or status["state"] != "running":
+        raise UsageError(
+            f"{folder} takes no commands: it is not running; leave out --session, or see: gse status {folder}"
+        )
+    return command_beside(folder, message)
+
+
+def _alone(message: Message, station_path: Path | None, url: str | None, out: Path) -> "Commanded":
     from gse.sessions.commanding import command_sensor
     from gse.simulator import device_factory
 
@@ -84,7 +115,10 @@ def _send(message: Message, *, station_path: Path | None, url: str | None, out: 
     if station.port.url.startswith("sim://"):
         register(device_factory(station))
         click.echo(f"simulated sensor ({station.port.url}); a real one: --station FILE, or --port", err=True)
-    done = command_sensor(station, text, message, out)
+    return command_sensor(station, text, message, out)
+
+
+def _show(done: "Commanded", *, as_json: bool) -> None:
     answer = {name: value for name, value in asdict(done.answer).items() if name != "problems"}
     if as_json:
         kind = "STATUS" if isinstance(done.answer, StatusMessage) else "ACK"

@@ -1,5 +1,6 @@
 """Commands to the sensor in the words of its protocol: sent, answered, recorded."""
 
+import threading
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,14 +8,18 @@ from pathlib import Path
 
 from drivers.chunk import LinkEvent
 from drivers.clock import read_clock
-from drivers.commands import receive_until, send_command
+from drivers.commands import REPEATS, receive_until, send_command
 from drivers.errors import CommandError, DriverError
 from drivers.link import SerialLink
+from drivers.mock.playback import session_items
 from drivers.mock.timestamped_port import Item
 from gse.config.station import Station
+from gse.errors import UsageError
 from gse.recording.recorder import Recorder
-from gse.recording.session_format import PROTOCOL, STATION
+from gse.recording.session_format import PROTOCOL, STATION, read_attachments
 from gse.sessions.live import new_session_folder
+from gse.sessions.replay import station_in_force
+from gse.sessions.status_file import leave_command
 from gse.station.setup import addressed
 from protocols import (
     NAME_OF,
@@ -29,12 +34,16 @@ from protocols import (
     Request,
     StatusMessage,
     load_protocol,
+    parse_protocol,
 )
 
 PANORAMA_S = 5.0
 """The longest exposure is 2 s, ICD; one may be running already."""
 LISTEN_FIRST_S = 0.1
 """Bytes in the port's buffer are read before the command is sent, so that they cannot be taken for its answer."""
+BESIDE_NS = 3_000_000_000
+"""A running session takes a command within a second, and its answer is in the file within another."""
+_LOOK_S = 0.2
 MOST_ANSWERS = 1000
 """Most received frames in which the answer is searched; the latest are used."""
 
@@ -130,6 +139,35 @@ def command_sensor(station: Station, station_text: str, command: Message, out: P
             _await_panorama(link, dialogue)
     assert isinstance(answer, Ack | StatusMessage)
     return Commanded(answer, recorder.path, recorder.lost_bytes, recorder.damage)
+
+
+def command_beside(folder: Path, command: Message) -> Commanded:
+    """Send one command through the session that runs in ``folder``, which has the port, and await the answer there."""
+    force = station_in_force(read_attachments(folder), lambda recorded: recorded)
+    if force.station.port.pass_to or force.station.port.tx_url:
+        raise UsageError(f"{folder} sends nothing: the flight computer owns its line (port.pass_to, port.tx_url)")
+    text = force.protocol_text
+    found = load_protocol(force.station.protocol) if text is None else parse_protocol(text, "its protocol.yaml")
+    protocol, began = addressed(found, force.station), read_clock()
+    sent_ns: dict[int, int] = {}
+    pause = threading.Event()
+    for attempt in range(1 + REPEATS):
+        sequence = (began.mono_ns // 1000 + attempt) % (protocol.sequence_modulus or 1)
+        now = read_clock()
+        sent_ns[sequence] = now.mono_ns
+        left = leave_command(folder, _Dialogue(protocol, command).make_frame(sequence), now.utc_ns)
+        while read_clock().mono_ns < now.mono_ns + BESIDE_NS:
+            pause.wait(_LOOK_S)
+            dialogue = _Dialogue(protocol, command)
+            for item in session_items(folder, began.utc_ns):
+                dialogue.take(item)
+            answer = dialogue.answer_to(sent_ns)
+            if isinstance(answer, Nak):
+                raise CommandError(f"the sensor refuses {answer.command}: {answer.reason or 'it gives no reason'}")
+            if answer is not None:
+                return Commanded(answer, folder, 0, None)
+        left.unlink(missing_ok=True)
+    raise CommandError(f"no answer came in {folder}, asked {1 + REPEATS} times; see: gse status {folder}")
 
 
 def _await_panorama(link: SerialLink, dialogue: _Dialogue) -> None:

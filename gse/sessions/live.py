@@ -1,5 +1,6 @@
 """Live session: receive, record, identify, compare with truth."""
 
+import contextlib
 import json
 import re
 import signal
@@ -15,7 +16,7 @@ from typing import Any, Self
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading, read_clock
-from drivers.errors import DriverError
+from drivers.errors import DriverError, PortError
 from drivers.link import SerialLink
 from drivers.session_file.records import CLOCK
 from gse.config.station import Station
@@ -41,7 +42,7 @@ from gse.sessions.status_file import StatusFile
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
-from gse.station.notes import Notes, event_of
+from gse.station.notes import OF_SENSOR, Notes, event_of
 from gse.station.polling import check_asking
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed, check_external, set_up
@@ -351,7 +352,11 @@ class _DerivedDataRecorder:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
             for text in self._operator.notes.take():
-                self._event(*event_of(text))
+                if text.startswith(OF_SENSOR):
+                    with contextlib.suppress(PortError):  # the port is gone: gse sensor gets no answer and asks again
+                        self._link.send(bytes.fromhex(text.removeprefix(OF_SENSOR)))
+                else:
+                    self._event(*event_of(text))
         self._read_clock()
 
     def take_screen(self, utc_ns: int) -> None:

@@ -23,7 +23,7 @@ from drivers.outside_text import is_plain, plain_line
 from drivers.session_file.record_scanner import MAGIC
 from drivers.whole_file import write_whole
 from gse.errors import UsageError
-from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes, note_text
+from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, OF_SENSOR, Notes, note_text
 from gse.values import instant
 from gse.view.live_state import LiveState
 from gse.view.verdict_text import headline
@@ -34,6 +34,7 @@ from gse.view.verdict_text import headline
 # Anybody who may write into the folder may leave a note.
 
 _PATTERN = "note-*.txt"
+_COMMANDS = "command-*.txt"
 _READ = READ | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
 """No pipe is waited for, and no link takes another file of this host into the session."""
 
@@ -49,6 +50,26 @@ def leave_note(folder: Path, text: str, number: int) -> Path:
     except OSError as error:
         raise UsageError(f"cannot leave a note in {folder}: {error.strerror}") from error
     return path
+
+
+def leave_command(folder: Path, data: bytes, number: int) -> Path:
+    """Leave a command to the sensor of the session that records into ``folder``; the file goes when it is taken."""
+    path = folder / f"command-{number:020d}.txt"
+    try:
+        write_whole(path, [data.hex() + "\n"])
+    except OSError as error:
+        raise UsageError(f"cannot leave a command in {folder}: {error.strerror}") from error
+    return path
+
+
+def collect_commands(folder: Path, notes: Notes) -> None:
+    """Take the commands that were left in a folder, oldest first; what is none is thrown away."""
+    left = (path for path in sorted(folder.glob(_COMMANDS)) if not path.is_dir())
+    for path in itertools.islice(left, MOST_WAITING):
+        with contextlib.suppress(OSError, ValueError):
+            text = _content(path)
+            path.unlink()
+            notes.put(OF_SENSOR + bytes.fromhex(text).hex())
 
 
 def collect_notes(folder: Path, notes: Notes) -> None:
@@ -173,6 +194,7 @@ class StatusFile:
             self._write(mark, last=last)
             if self._state == "running":
                 collect_notes(self._folder, self._notes)
+                collect_commands(self._folder, self._notes)
             if not last:
                 self._changed.wait(EVERY_S)
 

@@ -13,6 +13,8 @@ MOST_CHARACTERS = 280
 MOST_WAITING = 20
 OF_MOUNT = "mount:"
 """With this begins a note that the mount was touched."""
+OF_SENSOR = "send:"
+"""With this begins what ``gse sensor`` leaves for the sensor, in hexadecimal digits: never a note of the page."""
 
 
 class Notes:
@@ -44,6 +46,10 @@ def note_text(text: str) -> str:
     line = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
     if not line:
         raise ValueError("the note is empty; expected a line of text, for example: clouds from the west")
+    if line.startswith(OF_SENSOR):
+        raise ValueError(
+            f"a note cannot begin with {OF_SENSOR}; commands to the sensor are sent by gse sensor --session"
+        )
     if len(line) > MOST_CHARACTERS:
         raise ValueError(f"the note has {len(line)} characters; expected {MOST_CHARACTERS} at most")
     return line

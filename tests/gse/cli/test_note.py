@@ -61,6 +61,11 @@ def test_an_empty_note_says_what_was_expected(folder: Path) -> None:
         CliRunner().invoke(command, [" ", str(folder)], catch_exceptions=False)
 
 
+def test_a_note_is_no_way_to_command_the_sensor(folder: Path) -> None:
+    with pytest.raises(UsageError, match="sent by gse sensor --session"):
+        CliRunner().invoke(command, ["send:1acffc1d", str(folder)], catch_exceptions=False)
+
+
 def test_files_that_are_no_notes_are_thrown_away_and_hold_nothing_up(tmp_path: Path, notes: Notes) -> None:
     (tmp_path / "note-1.txt").write_bytes(b"\xff\x00\n")
     (tmp_path / "note-2.txt").write_text("x" * 100_000)

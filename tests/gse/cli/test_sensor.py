@@ -1,10 +1,16 @@
 """gse sensor: the operator's commands, on the simulated sensor."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from devices.live_session import LiveSession
+from devices.patience import PATIENCE_S
 
 from drivers.errors import CommandError, PortError
 from drivers.session_file.reader import messages
@@ -47,3 +53,32 @@ def test_a_port_that_is_not_there_leaves_no_folder_behind(tmp_path: Path) -> Non
     result = run(tmp_path, "start", "--port", "/dev/ttyNOWHERE")
     assert isinstance(result.exception, PortError)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_command_goes_through_the_session_that_has_the_port(tmp_path: Path) -> None:
+    out, gse = tmp_path / "sessions", [sys.executable, "-m", "gse"]
+    out.mkdir()
+    emulator = subprocess.Popen([*gse, "emulate", "--pty", "--standby", "--dark"], stdout=subprocess.PIPE, text=True)
+    assert emulator.stdout is not None
+    address = emulator.stdout.readline().strip()
+    session = subprocess.Popen([*gse, "run", "--port", address, "--out", str(out), "--no-plots"])
+    try:
+        live = LiveSession(out)
+        until_s = time.monotonic() + PATIENCE_S
+        while not list(out.iterdir()) and time.monotonic() < until_s:
+            time.sleep(0.05)
+        live.await_state("running")
+        assert isinstance(run(tmp_path, "start", "--port", address).exception, PortError)
+        refused = run(tmp_path, "exposure", "9", "--session", str(out))
+        assert "out of range" in str(refused.exception)
+        result = run(tmp_path, "start", "--session", str(out), "--json")
+        assert result.exit_code == 0, result.output
+        assert json.loads(result.stdout)["answer"] == "ACK"
+        live.await_frames(3)
+        assert len(list(messages(live.folder, TX))) == 2
+        assert not list(live.folder.glob("command-*"))
+    finally:
+        for process in (session, emulator):
+            process.send_signal(signal.SIGTERM)
+            process.wait(PATIENCE_S)
+        emulator.stdout.close()
