@@ -104,22 +104,24 @@ def test_frames_made_anew_differ_in_time_counter_and_mark_alone(name: str, proto
             assert (new.xy_px.tolist(), new.frame_no) == (old.xy_px.tolist(), old.frame_no)
 
 
-def test_an_absolute_clock_says_now() -> None:
+def tags_us(protocol: Protocol, data: bytes) -> list[int]:
+    messages = map(protocol.decode, frames_of(protocol, data))
+    return [message.time_us for message in messages if isinstance(message, PanoramaMessage)]
+
+
+def test_an_absolute_clock_says_now_and_keeps_its_distances() -> None:
     protocol = load_protocol("ccsds-packets")
     now_ns = read_clock().utc_ns
-    frames = frames_of(protocol, shifted_bytes("ccsds-packets.mcap"))
-    first = next(message for message in map(protocol.decode, frames) if isinstance(message, PanoramaMessage))
-    assert utc_ns_of(first.time_us, protocol.time) == pytest.approx(now_ns, abs=PATIENCE_S * 1e9)
+    old, new = (tags_us(protocol, data("ccsds-packets.mcap")) for data in (recorded, shifted_bytes))
+    assert utc_ns_of(new[0], protocol.time) == pytest.approx(now_ns, abs=PATIENCE_S * 1e9)
+    assert [tag - new[0] for tag in new] == pytest.approx([tag - old[0] for tag in old], abs=2)
 
 
 def test_a_counter_begins_at_0() -> None:
     protocol = load_protocol("panorama-v1")
-    messages = map(protocol.decode, frames_of(protocol, shifted_bytes("clear.mcap")))
-    tags_us = [message.time_us for message in messages if isinstance(message, PanoramaMessage)]
-    old = map(protocol.decode, frames_of(protocol, recorded("clear.mcap")))
-    old_us = [message.time_us for message in old if isinstance(message, PanoramaMessage)]
-    assert tags_us[0] < 1_000_000 < old_us[-1]
-    assert [tag - tags_us[0] for tag in tags_us] == [tag - old_us[0] for tag in old_us]
+    old, new = (tags_us(protocol, data("clear.mcap")) for data in (recorded, shifted_bytes))
+    assert new[0] < 1_000_000 < old[-1]
+    assert [tag - new[0] for tag in new] == [tag - old[0] for tag in old]
 
 
 def test_bytes_that_are_no_frame_go_out_as_they_came() -> None:
