@@ -91,8 +91,8 @@ def export(
     The table has each star with its neighbours in the field and their distances in whole microradians. Both forms can
     be the `catalog` of a station file: they are used as they are.
 
-    A session moves the stars of its own catalogue to its date. To compare them with the exported ones, give that date as
-    --epoch.
+    A session moves the stars of its own catalogue to its date. To compare them with the exported ones, give that
+    date as --epoch.
     """
     from gse.identifier.tables import field_diameter_rad, listed_neighbours, pair_table
 

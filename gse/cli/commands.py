@@ -63,11 +63,7 @@ EXAMPLES = {
     "extract": ("gse extract image.fits", "gse extract --sub-pixel picture.jpg --out panorama.csv"),
     "evaluate": ("gse evaluate --frames 1000", "gse evaluate --preset lapan"),
     "simulate": ("gse simulate --list", "gse simulate --scenario clear-zenith --seconds 600"),
-    "emulate": (
-        "gse emulate --pty",
-        "gse emulate --tcp 127.0.0.1:4000 --station roof.yaml",
-        "gse emulate --session session.mcap --shift now --port /dev/ttyUSB1",
-    ),
+    "emulate": ("gse emulate --pty", "gse emulate --session session.mcap --shift now --tcp 127.0.0.1:4000"),
     "calibrate": ("gse calibrate session.mcap", "gse calibrate session.mcap --write calibrated.yaml"),
     "align": ("gse align session.mcap", "gse align session.mcap --write aligned.yaml"),
     "compare": ("gse compare before.mcap after.mcap", "gse compare session.mcap --identifier pivot"),
@@ -157,16 +153,16 @@ _LIVE = ("--bind", "--http-port", "--save-rrd", "--json-frames")
 _JUDGED = ("--earth-orientation", "--plots", "--paper")
 ADVANCED: Mapping[str, tuple[str, ...]] = {
     "run": ("--station", *_LIVE, *_JUDGED, "--identifier", "--scene", "--wait-port", "--json"),
-    "replay": (*_LIVE, *_JUDGED, "--leave-out", "--start-utc"),
+    "replay": (*_LIVE, *_JUDGED, "--leave-out", "--start-utc", "--address"),
     "report": (*_JUDGED, "--start-utc", "--anew", "--screenshot"),
     "why": ("--with-site",),
     "view": ("--bind", "--http-port"),
     "evaluate": (
         *("--magnitude-noise", "--missing", "--whole-pixels", "--limit", "--seed", "--workers", "--scheduler"),
-        *("--catalog", "--panoramas", "--figures"),
+        *("--catalog", "--panoramas", "--figures", "--sky-to"),
     ),
     "simulate": ("--rate-hz", "--seed", "--level", "--faults", "--file"),
-    "emulate": ("--seed", "--rate-hz", "--standby", "--start-utc", "--level"),
+    "emulate": ("--seed", "--rate-hz", "--standby", "--start-utc", "--level", "--port", "--shift", "--faults"),
     "calibrate": ("--from", "--to", "--start-utc", "--tangential"),
     "align": ("--from", "--to", "--start-utc", "--accept-gross"),
     "compare": ("--sigmas", "--allow", "--bias-is-regression", "--start-utc", "--anew"),
@@ -176,7 +172,7 @@ ADVANCED: Mapping[str, tuple[str, ...]] = {
         *("--azimuth-deg", "--altitude-deg", "--roll-deg", "--baudrate"),
     ),
     "preflight": ("--earth-orientation", "--out"),
-    **{f"sensor {name}": ("--out",) for name in ("exposure", "request", "start", "status", "stop")},
+    **{f"sensor {name}": ("--out", "--session") for name in ("exposure", "request", "start", "status", "stop")},
     "campaign judge": ("--scheduler", "--workers", "--session-limit", "--rehash"),
     "ci": ("--within", "--speed"),
 }

@@ -260,7 +260,11 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
             "station stopped",
             "stop no session (kill -STOP), and keep heavy work off this computer",
         ),
-        (StationKind.TRANSLATED, "translated bytes", "mend the way of the bytes and repeat the session"),
+        (
+            StationKind.TRANSLATED,
+            "translated bytes",
+            "switch off the setting that it names (stty raw, a raw mode of the bridge) and repeat the session",
+        ),
         (StationKind.NO_STATION, "station file", "give the right one: gse report SESSION --station FILE"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers", "see what the link brings: gse decode SESSION --explain"),
         (

@@ -32,6 +32,8 @@ _SETTLES_S = 300.0
 """Before, the drift of the mount is so little known that its uncertainty alone may exceed a limit."""
 _NIGHT_MINUTES = 720.0
 """A verdict that comes later comes not in this session."""
+_SET_UP = "set-up: "
+"""What a reason begins with that a longer session does not change."""
 _MOST_NAMED = 2
 
 
@@ -111,6 +113,8 @@ def forecast_text(assessment: "Assessment") -> str:
 
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
+    if assessment.reasons and assessment.reasons[0].startswith(_SET_UP):
+        return f"no verdict as it goes: {': '.join(assessment.reasons[0].split(': ')[:2])}"
     left = rows_left(assessment)
     if not any(item.requirement.claim is Claim.ACCURACY for item in left):
         return "no verdict as it goes: no answer was compared with truth"

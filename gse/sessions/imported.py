@@ -27,7 +27,7 @@ def import_capture(
     if is_session(capture):
         raise UsageError(f"{capture} is a session already: gse report, view and why take it as it is")
     if path.exists():
-        raise UsageError(f"{path} exists; nothing is overwritten: choose another -o")
+        raise UsageError(f"{path} exists; nothing is overwritten: choose another --out")
     try:
         start_ns = instant.from_text(start_utc)
     except ValueError as error:

@@ -64,7 +64,7 @@ def test_the_points_are_spread_as_draws_from_the_model_are(longest):
     shares = [0.05, 0.25, 0.5, 0.75, 0.95]
     for found, drawn in zip(model.points(longest), (means, spreads), strict=True):
         scale = np.subtract(*np.quantile(drawn, [0.75, 0.25]))
-        assert np.quantile(found, shares) == pytest.approx(np.quantile(drawn, shares), abs=0.2 * scale, rel=0.05)
+        assert np.quantile(found, shares) == pytest.approx(np.quantile(drawn, shares), abs=0.3 * scale, rel=0.05)
 
 
 def test_blocks_end_at_a_gap_and_their_time_is_that_of_the_session_without_it():
