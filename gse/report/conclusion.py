@@ -26,6 +26,7 @@ _CLOCK_WORD = "clock leaves an unknown error"
 _UNREADABLE_STEP = "find the protocol: gse decode --try SESSION"
 _LINE_STEP = "look at what did not arrive whole, then at cable and baud rate: gse decode SESSION --discards"
 _STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
+_COVERED_STEP = "repeat it with nothing before the lens; where nothing was, the sensor was blind: gse view SESSION"
 _PLAN_STEP = "see how much longer a session must be: gse plan SESSION"
 _LABELS = (("reason", "why"), ("cause", "cause"), ("note", "note"), ("next", "next"))
 _MOST_LINES = {"why": 2, "cause": 3, "note": 2, "next": 2, "not tested": 2, "": 2}
@@ -180,6 +181,8 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
         steps.append(_UNREADABLE_STEP)
     if not steps and _saw_no_sky(report):
         steps.append(_NIGHT_STEP)
+    if not steps and _was_blind(report):
+        steps.append(_COVERED_STEP)
     if not steps:
         steps.append(_PLAN_STEP if report["verdict"] == "INCONCLUSIVE" else "look at the errors: gse view SESSION")
     return list(dict.fromkeys(steps))
@@ -189,6 +192,13 @@ def _saw_no_sky(report: dict[str, Any]) -> bool:
     """Whether no sky was to be seen in most of the session, so that a longer one like it decides nothing."""
     blind = sum(item["frames"] for item in report["exclusions"] if item["cause"] in _NO_SKY)
     return bool(2 * blind > report["identification"]["frames"])
+
+
+def _was_blind(report: dict[str, Any]) -> bool:
+    """Whether every row is decided and frames without objects stand in the way: a longer session leaves them there."""
+    outcomes = {row["outcome"] for row in report["measurements"]}
+    blind = any(item["cause"] == Cause.NO_OBJECTS for item in report["exclusions"])
+    return blind and not outcomes & {Outcome.INCONCLUSIVE, Outcome.FAIL}
 
 
 def _not_tested(report: dict[str, Any]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gse.report.conclusion import conclusion, conclusion_lines, explained
+from gse.report.conclusion import conclusion, conclusion_lines, explained, next_steps
 from gse.report.files import junit_xml
 from gse.report.page import report_html
 from gse.report.summary import summarise
@@ -145,3 +145,16 @@ def test_frames_that_a_line_lost_are_the_cause_of_a_fail_without_another(cloudy)
     told = conclusion(failed)
     assert told["cause"] == "the line: 8 frames lost, 900 bytes discarded"
     assert told["next"].endswith("gse decode SESSION --discards")
+
+
+def test_a_session_under_a_lens_cap_is_to_be_repeated_and_one_that_is_too_short_to_go_on():
+    report = {
+        "verdict": "INCONCLUSIVE",
+        "identification": {"frames": 1200},
+        "link": {"bytes_in": 1},
+        "exclusions": [{"cause": "no objects", "frames": 200}],
+        "measurements": [{"outcome": "PASS"}],
+    }
+    assert next_steps(report, [])[0].startswith("repeat it with nothing before the lens")
+    report["measurements"].append({"outcome": "INCONCLUSIVE"})
+    assert "gse plan" in next_steps(report, [])[0]
