@@ -63,7 +63,7 @@ EXAMPLES = {
     "extract": ("gse extract image.fits", "gse extract --sub-pixel picture.jpg --out panorama.csv"),
     "evaluate": ("gse evaluate --frames 1000", "gse evaluate --preset lapan"),
     "simulate": ("gse simulate --list", "gse simulate --scenario clear-zenith --seconds 600"),
-    "emulate": ("gse emulate --pty", "gse emulate --session session.mcap --shift now --tcp 127.0.0.1:4000"),
+    "emulate": ("gse emulate --pty", "gse emulate --tcp 127.0.0.1:4000 --station roof.yaml"),
     "calibrate": ("gse calibrate session.mcap", "gse calibrate session.mcap --write calibrated.yaml"),
     "align": ("gse align session.mcap", "gse align session.mcap --write aligned.yaml"),
     "compare": ("gse compare before.mcap after.mcap", "gse compare session.mcap --identifier pivot"),
@@ -175,6 +175,8 @@ ADVANCED: Mapping[str, tuple[str, ...]] = {
     **{f"sensor {name}": ("--out", "--session") for name in ("exposure", "request", "start", "status", "stop")},
     "campaign judge": ("--scheduler", "--workers", "--session-limit", "--rehash"),
     "ci": ("--within", "--speed"),
+    "catalog info": ("--fewer-than", "--magnitude"),
+    "protocol check": ("--seed",),
 }
 
 OLD_NAMES: Mapping[tuple[str, str], tuple[str, str | None]] = {
