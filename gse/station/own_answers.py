@@ -318,7 +318,7 @@ def _measure(
 def _compared(session: SessionData, utc_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which instants (M,) are compared: those of truth, and not those that the mount was fitted on."""
     mask = utc_ns >= _FIRST_NS
-    if session.alignment is not None:
+    if session.station.mount.align is not None and session.alignment is not None:
         frames = session.frames.columns
         compared = np.isfinite(frames["ra_true_deg"])
         mask &= utc_ns >= frames["utc_ns"][compared].min() if compared.any() else False
