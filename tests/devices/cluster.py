@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, contextmanager, suppress
@@ -39,6 +40,7 @@ def start(
     *command: object, env: dict[str, str] | None = None, log: Path | None = None, before: Callable[[], object] = tuple
 ) -> Started:
     """Start a program as the leader of a process group."""
+    ends_with_us = _end_with_us if threading.current_thread() is threading.main_thread() else tuple
     with open(log or os.devnull, "ab") as out:
         process = subprocess.Popen(
             [str(part) for part in command],
@@ -47,13 +49,16 @@ def start(
             stdout=out,
             stderr=out,
             start_new_session=True,
-            preexec_fn=lambda: (_end_with_us(), before()),
+            preexec_fn=lambda: (ends_with_us(), before()),
         )
     return Started(process)
 
 
 def _end_with_us() -> None:
-    """Linux ends this process when the test run is gone, however it was ended: prctl(PR_SET_PDEATHSIG)."""
+    """Linux ends this process when the test run is gone, however it was ended: prctl(PR_SET_PDEATHSIG).
+
+    It means the thread that started the process: one that a test's own thread starts must outlive that thread.
+    """
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 

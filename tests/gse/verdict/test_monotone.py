@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from skies.known_nights import START_NS, VOUCHED, session
+from skies.known_nights import VOUCHED, session
 from skies.own_answers import with_answers, without_error
 
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_table import MATCH
 from gse.station.results import AnswerCheck, Status, Subject, Verdict
 from gse.statistics.decision import Outcome
-from gse.statistics.session_statistics import statistics
-from gse.truth import Alignment
 from gse.verdict.assessment import judge
 
 FRAMES = 600
@@ -153,15 +151,3 @@ def test_own_answers_that_are_further_off_make_no_word_milder():
     assert (words[0], words[-1]) == (0, 2)
     shares = [one.statistics.subjects[Subject.SENSOR].false_answers.count for one in judged]
     assert shares == [0] * 5 + [60] * 4
-
-
-def test_a_mount_that_the_stars_fit_judges_own_answers_from_before_the_first_panorama_too():
-    """At dusk no panorama is identified yet: only where the station file asks for the fit are its frames left out."""
-    angles = without_error(made := session(FRAMES, step_s=1.0), whole_field=True)
-    angles[:60, 1] += 2.0
-    made = with_answers(made, angles, np.full(FRAMES, 12))
-    absent(made, np.arange(60))
-    made.frames.columns["ra_true_deg"][:60] = np.nan
-    sigmas = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 100.0))
-    made.alignment = Alignment(made.station.mount, sigmas, (5.0, 5.0, 50.0), 540, 0, START_NS, START_NS + 1)
-    assert statistics(made).subjects[Subject.SENSOR].false_answers.count == 60
