@@ -119,7 +119,6 @@ EXAMPLES = {
     "sensor start": (
         "gse sensor start --station roof.yaml",
         "gse sensor start --period 0.1 --port /dev/ttyUSB0",
-        "gse sensor start --session sessions",
     ),
     "sensor stop": ("gse sensor stop --station roof.yaml", "gse sensor stop --port /dev/ttyUSB0"),
     "sensor status": ("gse sensor status --station roof.yaml", "gse sensor status --port /dev/ttyUSB0 --json"),
@@ -177,6 +176,8 @@ ADVANCED: Mapping[str, tuple[str, ...]] = {
     "ci": ("--within", "--speed"),
     "catalog info": ("--fewer-than", "--magnitude"),
     "protocol check": ("--seed",),
+    "decode": ("--discards",),
+    "catalog export": ("--epoch",),
 }
 
 OLD_NAMES: Mapping[tuple[str, str], tuple[str, str | None]] = {

@@ -64,7 +64,8 @@ def test_when_an_answer_arrives_is_counted_from_the_middle_of_its_exposure_in_ms
 
 
 def test_answers_are_compared_from_the_first_frame_after_those_that_the_mount_was_fitted_on():
-    made = session(10, noise=0.0)
+    aligned = STATION.model_copy(update={"mount": replace(STATION.mount, align="first 1 s")})
+    made = session(10, noise=0.0, station=aligned)
     rows = made.frames.columns
     rows["ra_true_deg"][:4] = np.nan
     made.alignment = Alignment(STATION.mount, ((0.0,) * 3,) * 3, (0.0,) * 3, 4, 0, START_NS, START_NS + NS_PER_S)
