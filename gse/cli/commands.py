@@ -154,8 +154,8 @@ ADVANCED: Mapping[str, tuple[str, ...]] = {
     "run": ("--station", *_LIVE, *_JUDGED, "--identifier", "--scene", "--wait-port", "--json"),
     "replay": (*_LIVE, *_JUDGED, "--leave-out", "--start-utc", "--address"),
     "report": (*_JUDGED, "--start-utc", "--anew", "--screenshot"),
-    "why": ("--with-site",),
-    "view": ("--bind", "--http-port"),
+    "why": ("--with-site", "--clock-error"),
+    "view": ("--bind", "--http-port", "--clock-error"),
     "evaluate": (
         *("--magnitude-noise", "--missing", "--whole-pixels", "--limit", "--seed", "--workers", "--scheduler"),
         *("--catalog", "--panoramas", "--figures", "--sky-to"),
@@ -176,8 +176,6 @@ ADVANCED: Mapping[str, tuple[str, ...]] = {
     "ci": ("--within", "--speed"),
     "catalog info": ("--fewer-than", "--magnitude"),
     "protocol check": ("--seed",),
-    "decode": ("--discards",),
-    "catalog export": ("--epoch",),
 }
 
 OLD_NAMES: Mapping[tuple[str, str], tuple[str, str | None]] = {
