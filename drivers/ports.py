@@ -303,7 +303,8 @@ def explain(url: str, error: Exception) -> str:
     if url.lower().startswith("hwgrep://"):
         return f"no port matches {url}; {_known(ports_here())}"
     if isinstance(error, ValueError):
-        return f"{url} is not a port that can be opened: {error}"
+        hint = f"; TCP is written socket://{url[6:]}" if url.lower().startswith("tcp://") else ""
+        return f"{url} is not a port that can be opened: {error}{hint}"
     if is_device(url) and not number:
         return f"{url} is not a serial port: {error}"
     hint = "; is the server that shall send the bytes running there?" if "refused" in str(error) else ""

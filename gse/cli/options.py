@@ -81,10 +81,10 @@ def given_or_newest(ctx: click.Context, param: click.Parameter, given: Any) -> A
 
 
 def newest_sessions() -> list[Path]:
-    """The sessions below ./sessions, newest first; UsageError where there is none."""
-    from gse.sessions.status_file import session_folders
+    """The sessions below ./sessions, newest first, without those of a command; UsageError where there is none."""
+    from gse.sessions.status_file import OF_A_COMMAND, session_folders
 
-    folders = session_folders(Path("sessions"))
+    folders = [folder for folder in session_folders(Path("sessions")) if not folder.name.endswith(OF_A_COMMAND)]
     if not folders:
         raise UsageError("there is no session below ./sessions; give the path of one, or record one with: gse run")
     return folders[::-1]

@@ -402,6 +402,8 @@ def parse_station(text: str, source: str = "built-in station") -> Station:
         line = f", line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or "not YAML"
         problem += "; indent with blanks, not with tabs" if "\\t" in problem else ""
+        if problem.startswith(("expected <block end>", "found unexpected end")):
+            problem = "this does not belong here: is it indented as its neighbours, is a quote above it not closed?"
         raise ConfigError(f"{source}{line}: {problem}") from error
     if not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(_SOURCE_KEYS)}")
@@ -477,7 +479,36 @@ def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
         return f"{where}{key} is {item['input']!r}: write the decimal point as {item['input'].replace(',', '.')}"
     if item["type"] == "string_pattern_mismatch":
         return f"{where}{key} is {item['input']!r:.60}: expected a text like {item['ctx']['pattern']}"
-    return f"{where}{key} is {item['input']!r:.60}: {item['msg'].lower()}"
+    return f"{where}{key} is {item['input']!r:.60}: {_expected(item, path)}"
+
+
+_BOUNDS = {
+    "greater_than": ("gt", "more than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def _expected(item: Any, path: list[str]) -> str:
+    """What a key takes, in words: pydantic's own sentences are for programmers."""
+    kind, value = item["type"], item["input"]
+    if isinstance(value, float) and not math.isfinite(value):
+        return "expected a finite number"
+    if kind in _BOUNDS:
+        bound, words = _BOUNDS[kind]
+        return f"expected {words} {item['ctx'][bound]:,.10g}"
+    if kind.startswith(("float_", "int_")):
+        number = "number" if kind.startswith("float_") else "whole number"
+        unit = " without a unit, which the key's name has" if isinstance(value, str) else ""
+        return f"expected a {number}{unit}" + ("; north and east are positive" if path[-1] in _SIDES else "")
+    if kind.startswith("bool_"):
+        return "expected true or false"
+    if kind.startswith("string_"):
+        return "expected a text; put it in quotes"
+    if kind in ("model_type", "dataclass_type", "dict_type") and (known := _known_keys(path)):
+        return f"expected keys below it: {', '.join(known)}"
+    return str(item["msg"][:1].lower() + item["msg"][1:])
 
 
 def _line_of(node: yaml.Node | None, path: list[str]) -> int:

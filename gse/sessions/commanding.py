@@ -19,7 +19,7 @@ from gse.recording.recorder import Recorder
 from gse.recording.session_format import PROTOCOL, STATION, read_attachments
 from gse.sessions.live import new_session_folder
 from gse.sessions.replay import station_in_force
-from gse.sessions.status_file import leave_command
+from gse.sessions.status_file import OF_A_COMMAND, leave_command
 from gse.station.setup import addressed
 from protocols import (
     NAME_OF,
@@ -119,7 +119,7 @@ def command_sensor(station: Station, station_text: str, command: Message, out: P
     protocol = addressed(load_protocol(station.protocol), station)
     dialogue = _Dialogue(protocol, command)
     dialogue.make_frame(0)  # an impossible command is refused before the port is opened
-    folder = new_session_folder(out, f"{station.sensor.name}-command", read_clock().utc_ns)
+    folder = new_session_folder(out, f"{station.sensor.name}{OF_A_COMMAND}", read_clock().utc_ns)
     recorder = Recorder(folder / "session.mcap", live=True)
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, line=station.port.line)

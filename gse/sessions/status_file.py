@@ -95,6 +95,8 @@ def _content(path: Path) -> str:
 
 SCHEMA = "gse.status/1"
 NAME = "status.json"
+OF_A_COMMAND = "-command"
+"""End of the name of a folder that holds what ``gse sensor`` sent and received: a session without panoramas."""
 _MOST_BYTES = 64 << 10
 _LARGEST = 1 << 62
 

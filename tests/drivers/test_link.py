@@ -315,6 +315,7 @@ def test_any_pyserial_url_will_do() -> None:
         ("/etc/hostname", "is not a serial port"),
         ("nonsense://x", "not known"),
         ("hwgrep://no such adapter", "no port matches"),
+        ("tcp://127.0.0.1:9", r"TCP is written socket://127\.0\.0\.1:9"),
         ("socket://127.0.0.1:9", "cannot open"),
         ("socket://127.0.0.1", "has no port number"),
         ("rfc2217://127.0.0.1:x", "has no port number"),

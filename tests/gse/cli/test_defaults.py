@@ -42,6 +42,12 @@ def test_commands_without_a_path_take_the_newest_session_and_say_so(gse: Gse, fo
     assert (folder / "newest.rrd").stat().st_size > 0
 
 
+def test_what_a_command_recorded_is_not_the_newest_session(gse: Gse, folder: Path) -> None:
+    gse("sensor", "status")
+    assert list((folder / "sessions").glob("2*-command"))
+    assert f"gse: the newest session: {NEWEST}\n" in gse("why").err
+
+
 def test_compare_takes_the_newest_session_and_the_one_of_its_sensor_before_it(gse: Gse, folder: Path) -> None:
     done = gse("compare")
     assert f"the newest two sessions of a sensor: sessions/20260301T000000Z-A and {NEWEST}" in done.err

@@ -113,7 +113,7 @@ def test_a_station_file_of_a_newer_version_asks_for_a_newer_gse() -> None:
 
 @pytest.mark.parametrize("limit", ["d_de_arcsec: .inf", "d_roll_arcsec: 648001", "identification_ms: .inf"])
 def test_a_limit_that_nothing_exceeds_is_refused(limit):
-    with pytest.raises(ConfigError, match="should be less than or equal to"):
+    with pytest.raises(ConfigError, match=r"expected (at most|a finite number)"):
         parse_station(f"{BUILT_IN_TEXT}\nlimits: {{{limit}}}\n")
 
 
@@ -155,6 +155,32 @@ def test_an_angle_that_could_mean_two_things_is_refused_with_what_to_write(key: 
     assert key in BUILT_IN_TEXT
     with pytest.raises(ConfigError, match=re.escape(advice)):
         parse_station(BUILT_IN_TEXT.replace(key, text))
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "advice"),
+    [
+        ("focal_length_px: 4169.905", "focal_length_px: 12mm", "'12mm': expected a number without a unit"),
+        ("latitude_deg: -6.53", "latitude_deg: 6.53 S", "without a unit, .*; north and east are positive"),
+        ("latitude_deg: -6.53", "latitude_deg: 5230", "latitude_deg is 5230: expected at most 90$"),
+        ("rows: 1024", "rows: 1024.5", "expected a whole number$"),
+        ("altitude_deg: 90", "altitude_deg: .nan", "expected a finite number$"),
+        ("rows: 1024", "rows: 1024\n  mirrored: maybe", "expected true or false$"),
+        ("port:", "limits: {d_de_arcsec: -60}\nport:", "expected more than 0$"),
+        ("url: sim://", "baudrate: 12345678", "expected at most 8,000,000$"),
+        ("name: LAPAN-like", 'name: "LAPAN-like', "is a quote above it not closed"),
+    ],
+)
+def test_a_value_that_cannot_be_is_answered_with_what_can(key: str, text: str, advice: str) -> None:
+    assert key in BUILT_IN_TEXT
+    with pytest.raises(ConfigError, match=advice):
+        parse_station(BUILT_IN_TEXT.replace(key, text))
+
+
+def test_a_section_written_as_a_value_is_answered_with_its_keys() -> None:
+    text = BUILT_IN_TEXT.partition("site:")[0] + "site: rooftop\n"
+    with pytest.raises(ConfigError, match="'rooftop': expected keys below it: name, latitude_deg, longitude_deg"):
+        parse_station(text)
 
 
 def test_a_decimal_comma_between_braces_is_named() -> None:

@@ -31,7 +31,7 @@ def test_what_is_stated_is_in_force_and_the_rest_has_its_default():
     [
         (
             "{azimuth_arcsec: -3}",
-            r"mount\.uncertainty\.azimuth_arcsec is -3: input should be greater than or equal to 0",
+            r"mount\.uncertainty\.azimuth_arcsec is -3: expected at least 0",
         ),
         ("{azimuth: 3}", r"unknown key mount\.uncertainty\.azimuth; did you mean azimuth_arcsec.*ends in its unit"),
         ("{azimuth_arcsec: .inf}", r"azimuth_arcsec is inf"),
