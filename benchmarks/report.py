@@ -31,7 +31,7 @@ def main() -> None:
 def one(count: int) -> None:
     """Keep the results of ``count`` frames, then make the report from them."""
     started = time.process_time()
-    from gse.process.without_pandas import spare_pandas
+    from gse.process.release_memory import spare_pandas
     from gse.report.files import write_report
     from gse.report.result_key import ResultKey
     from gse.sessions.kept_results import keep, kept

@@ -1,7 +1,7 @@
 """Compilation of all that judges a session, by a process of its own, before the first campaign on a computer.
 
 A worker that compiles holds half as much memory again, and each worker would compile the same. All workers
-of this computer find the code that it leaves on disk (gse.process.first_compilation).
+of this computer find the code that it leaves on disk (gse.identifier.first_compilation).
 """
 
 import tempfile
@@ -9,8 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.identifier.first_compilation import is_compiled
-from gse.process.first_compilation import FirstCompilation, end_with_parent
+from gse.identifier.first_compilation import FirstCompilation, end_with_parent, is_compiled
 from gse.process.jit import machine_code_folder
 from gse.sessions.replay import replay_session
 from gse.simulator.recording import record_simulation

@@ -45,8 +45,7 @@ from gse.campaign.sources import SessionSource
 from gse.campaign.storage import PARTS, StorageError, copy_here, explained, protocol_of, put_whole, with_patience
 from gse.config.choice import StationText
 from gse.errors import GseError
-from gse.process.release_memory import give_back
-from gse.process.without_pandas import spare_pandas
+from gse.process.release_memory import give_back, spare_pandas
 from gse.report import summarise
 from gse.report.frames_table import frames_parts
 from gse.report.parquet import write_parquet

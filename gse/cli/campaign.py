@@ -160,7 +160,7 @@ def report_command(
     from gse.campaign.document import campaign_document
     from gse.campaign.keys import OWN_STATION, station_sha256
     from gse.campaign.page import write_campaign_report
-    from gse.process.without_pandas import spare_pandas
+    from gse.process.release_memory import spare_pandas
     from gse.report.printing import find_browser, print_to_pdf
 
     spare_pandas()

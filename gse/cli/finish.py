@@ -59,7 +59,7 @@ def conclude(
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     _give_back(session)  # before what draws is imported
-    from gse.process.without_pandas import spare_pandas
+    from gse.process.release_memory import spare_pandas
     from gse.report import summarise
     from gse.report.files import write_report
     from gse.report.provenance import provenance

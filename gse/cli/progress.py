@@ -107,7 +107,7 @@ def judged_with_progress(
 
     With options the session is another one: then results are neither used nor kept.
     """
-    from gse.process.without_pandas import spare_pandas
+    from gse.process.release_memory import spare_pandas
     from gse.sessions.judged import Judged, judged_session
     from gse.verdict.assessment import judge
 
@@ -128,7 +128,7 @@ def session_with_progress(
     path: Path, *, options: ReplayOptions, station: Callable[[StationText], StationText], anew: bool
 ) -> SessionData:
     """The session of ``judged_with_progress`` without its assessment, which kept results do not hold."""
-    from gse.process.without_pandas import spare_pandas
+    from gse.process.release_memory import spare_pandas
     from gse.sessions.judged import session_alone
 
     spare_pandas()

@@ -1,12 +1,19 @@
 """Compilation of the robust identifier by a process of its own, for the first run on a computer.
 
 With that of the attitudes, its code takes as long to compile as all other code of a session: two processes halve the
-wait (gse.process.first_compilation).
+wait. The second one leaves machine code in numba's cache on disk, where this one and all later ones find it. If it
+comes to nothing, each compiles at its first call, as always. It ends with the one that started it, be it by
+``kill -9``: the parent holds the other end of its standard input and never writes, so the end of the parent is the end
+of the file.
 """
 
 import gc
 import os
+import subprocess
+import sys
 import tempfile
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +22,52 @@ from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
-from gse.process.first_compilation import FirstCompilation, end_with_parent
 from gse.process.jit import is_on_disk, machine_code_folder
 from gse.values.attitude import solve_attitude, solve_attitudes
+
+_LONGEST_S = 300.0
+"""A slow computer takes a minute; a process that hangs must not hold a session for ever."""
+
+
+class FirstCompilation:
+    """``python -m module``, None for no process; it ends with the ``with`` block or this process at the latest."""
+
+    def __init__(self, module: str | None) -> None:
+        self.process = _started(module) if module else None
+
+    def __enter__(self) -> "FirstCompilation":
+        return self
+
+    def finish(self) -> None:
+        """Wait until the code is on disk."""
+        if self.process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(_LONGEST_S)
+
+    def __exit__(self, *_: object) -> None:
+        if self.process is not None:
+            with self.process:
+                self.process.kill()
+
+
+def _started(module: str) -> "subprocess.Popen[bytes] | None":
+    # -P: a folder named gse where the user stands is not this package.
+    command = [sys.executable, "-P", "-m", module]
+    nowhere = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
+    except OSError:
+        return None
+
+
+def end_with_parent() -> None:
+    """In the second process: end it as soon as its standard input ends."""
+    threading.Thread(target=_wait_and_end, name="parent", daemon=True).start()
+
+
+def _wait_and_end() -> None:
+    sys.stdin.buffer.read()
+    os._exit(1)
 
 
 def is_compiled() -> bool:

@@ -8,10 +8,9 @@ interleaved with the program without it):
                         exactly this program (of its own cache classes, which saved 0.05 s of identify's 0.7, none)
     cache_folder        what is kept there is this user's alone, or is not kept
     installation        hashes of the source, by which machine code, kept results and a self-check know the program
-    first_compilation   half of the wait at the first start: a second process compiles beside this one, and ends with it
     release_memory      a replay of 72,000 frames in 246 MiB; 306 without the first of its three places (after the
-                        set-up, before judging, before drawing)
-    without_pandas      0.35 s and 47 MiB where pandas is installed, which pyarrow else imports
+                        set-up, before judging, before drawing); 0.35 s and 47 MiB where pandas is installed, which
+                        pyarrow else imports
     terminal            a terminal is never silent for more than a second; messages that nobody takes change no result;
                         a reader that is slow, stopped or gone never delays a session
 

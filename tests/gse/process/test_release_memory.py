@@ -52,3 +52,19 @@ def test_a_library_that_is_loaded_after_the_first_time_is_given_back_too():
     before_kib, after_kib = map(int, done.stdout.split())
     assert before_kib > 100
     assert after_kib < 0.75 * before_kib  # the system brings back some pages around each that is used
+
+
+_WITH_PANDAS = """
+import sys
+from gse.process.release_memory import spare_pandas
+spare_pandas()
+import pyarrow
+assert pyarrow.array([1.0]).to_pylist() == [1.0]
+assert "pandas" not in sys.modules
+import pandas
+assert pandas.Series([1]).sum() == 1
+"""
+
+
+def test_pyarrow_does_not_import_pandas_which_others_still_find():
+    subprocess.run([sys.executable, "-c", _WITH_PANDAS], check=True)
