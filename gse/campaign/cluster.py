@@ -21,10 +21,10 @@ import dask
 from distributed import Client, Future, LocalCluster
 from distributed.scheduler import KilledWorker
 
-from gse.campaign.keys import software_sha256
 from gse.errors import CampaignError, UsageError
 from gse.evaluation.monte_carlo import Evaluator, tasks
 from gse.evaluation.plan import FrameOutcome, Plan
+from gse.report.result_key import software_sha256
 
 LOOPBACK = "127.0.0.1"
 RETRIES = 2

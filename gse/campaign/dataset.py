@@ -13,6 +13,7 @@ sessions last: a session is in the data set where its row is, and then it is who
 at once write the same file twice. Files in index follow from the others and from the sources: they may be deleted.
 """
 
+import hashlib
 import io
 import itertools
 import json
@@ -38,6 +39,7 @@ from gse.campaign.storage import (
     put_whole,
     read_whole,
 )
+from gse.config.station import Station
 from gse.errors import UsageError
 from gse.report.parquet import FOOTER_LIMITS, MOST_BYTES_PER_ROW, MOST_ROWS, check_size, write_parquet
 from gse.report.table_columns import SCHEMA_VERSION
@@ -62,6 +64,19 @@ def unpacked(data: bytes) -> pa.Table:
     """The table again."""
     size = int.from_bytes(data[:_SIZE_BYTES], "little")
     return pa.ipc.open_stream(pa.decompress(data[_SIZE_BYTES:], size, _CODEC)).read_all()
+
+
+OWN_STATION = "own"
+"""In place of a hash: each session is judged with the station file that it holds."""
+
+
+def station_sha256(station: Station, text: str) -> str:
+    """Of a station file given for all sessions, with the catalogue and the protocol description that it names."""
+    whole = hashlib.sha256(text.encode())
+    for name in (station.catalog, station.protocol):
+        path = Path(name)
+        whole.update(b"\0" + (hashlib.sha256(path.read_bytes()).digest() if path.is_file() else name.encode()))
+    return whole.hexdigest()
 
 
 SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"

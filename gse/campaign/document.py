@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from gse.campaign.conditions import conditions
-from gse.campaign.dataset import UNKNOWN, DataSet
+from gse.campaign.dataset import OWN_STATION, UNKNOWN, DataSet
 from gse.campaign.decision import CampaignRow, campaign_rows, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
-from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.nights import Session, by_night, nightly, sessions_of, with_answers
 from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
 from gse.campaign.star_places import SIGMAS
 from gse.campaign.trends import thermal, trends
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER
+from gse.report.result_key import software_sha256
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import DECISION_TEXT, Outcome
 from gse.values.limits import Decision

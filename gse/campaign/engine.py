@@ -15,13 +15,13 @@ from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
 from gse.campaign.cluster import RETRIES, WHY_ENDED, past_lost_workers
-from gse.campaign.dataset import DataSet
+from gse.campaign.dataset import OWN_STATION, DataSet
 from gse.campaign.judging import LIMIT_S, Job, JudgedSource, judge_source
-from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.sources import SessionSource
 from gse.campaign.storage import StorageError, with_patience
 from gse.config.choice import StationText
 from gse.errors import CampaignError
+from gse.report.result_key import software_sha256
 
 
 @dataclass(frozen=True, slots=True)

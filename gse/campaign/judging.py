@@ -29,6 +29,7 @@ from gse.campaign.atlas_table import BORESIGHT_COLUMNS, STARS_COLUMNS, atlas_tab
 from gse.campaign.dataset import (
     ATLAS,
     FRAMES,
+    OWN_STATION,
     REPORT_COLUMN,
     SESSIONS,
     STARS,
@@ -40,7 +41,6 @@ from gse.campaign.dataset import (
     without_place,
 )
 from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
-from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
 from gse.campaign.sources import SessionSource
 from gse.campaign.storage import PARTS, StorageError, copy_here, explained, protocol_of, put_whole, with_patience
 from gse.config.choice import StationText
@@ -49,7 +49,7 @@ from gse.process.release_memory import give_back, spare_pandas
 from gse.report import summarise
 from gse.report.frames_table import frames_parts
 from gse.report.parquet import write_parquet
-from gse.report.result_key import ResultKey
+from gse.report.result_key import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import failed_session, sessions_table
 from gse.report.stars_table import stars_parts
 from gse.report.table_columns import field

@@ -12,9 +12,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from gse.campaign.dataset import DataSet
+from gse.campaign.dataset import OWN_STATION, DataSet
 from gse.campaign.hot_pixels import COLUMN
-from gse.campaign.keys import OWN_STATION
 from gse.errors import UsageError
 from gse.station.exclusions import Cause
 from gse.station.results import Subject, Verdict

@@ -96,10 +96,9 @@ def judge_command(
     """
     require_packages()
     from gse.campaign.cluster import cluster
-    from gse.campaign.dataset import DataSet
+    from gse.campaign.dataset import OWN_STATION, DataSet, station_sha256
     from gse.campaign.engine import plan_campaign, run_campaign
     from gse.campaign.first_compilation import compile_first
-    from gse.campaign.keys import OWN_STATION, station_sha256
     from gse.campaign.sources import find_sources
 
     if scheduler is not None and workers is not None:
@@ -156,9 +155,8 @@ def report_command(
     The verdict is per sensor and requirement, with nights as the sample. The exit code is the verdict's.
     """
     require_packages()
-    from gse.campaign.dataset import DataSet
+    from gse.campaign.dataset import OWN_STATION, DataSet, station_sha256
     from gse.campaign.document import campaign_document
-    from gse.campaign.keys import OWN_STATION, station_sha256
     from gse.campaign.page import write_campaign_report
     from gse.process.release_memory import spare_pandas
     from gse.report.printing import find_browser, print_to_pdf
