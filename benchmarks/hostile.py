@@ -35,7 +35,7 @@ from gse.station.results import Verdict
 from gse.values.panorama import Panorama
 from gse.verdict.assessment import judge
 from gse.view.server import MOST_CONNECTIONS, Content, ViewServer
-from gse.view.viewer_files import ViewerFiles
+from gse.view.viewer import ViewerFiles
 from protocols import Ack, Frame, FrameDecoder, PanoramaMessage, Start, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))

@@ -60,7 +60,7 @@ def command(
                 stack.callback(_remove, recording)
         verdict, code = _write_recording(path, recording, clock_error_s)
         if picture is not None:
-            from gse.view.screenshot import save_screenshot
+            from gse.view.saved_view import save_screenshot
 
             save_screenshot(recording, picture)
         if out is not None:

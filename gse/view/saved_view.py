@@ -1,5 +1,12 @@
-"""Saved view of a session in rerun: the scene of the live view, complete and with the verdict."""
+"""Saved view of a session in rerun: the scene of the live view, complete and with the verdict.
 
+Its picture is drawn by rerun's viewer without a window.
+"""
+
+import contextlib
+import subprocess
+import threading
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -7,14 +14,16 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.experimental import ViewerClient
 
 from gse.catalog import StarCatalog
-from gse.errors import UsageError
+from gse.errors import GseError, UsageError
 from gse.station.own_answers import OWN_ERROR, SensorAnswers
 from gse.station.session_data import SessionData
 from gse.view.glance_word import bare_verdict
 from gse.view.scene import Scene
 from gse.view.verdict_text import verdict_at_end, verdict_so_far
+from gse.view.viewer import free_port, quiet_environment, rerun_program
 
 
 def save_view(
@@ -85,3 +94,65 @@ def rrd_file_sink(path: Path) -> object:
     except OSError as error:
         raise UsageError(f"cannot write {path}: {error.strerror}") from error
     return rr.FileSink(str(path))
+
+
+_START_TRIES = 150
+_LOAD_TRIES = 300
+_TRY_EVERY_S = 0.2
+_SETTLE_S = 3.0
+"""Time from the last byte loaded to the last label drawn, which the viewer does not report."""
+
+_HINT = "it needs Vulkan, for example Debian's mesa-vulkan-drivers"
+
+
+def save_screenshot(recording: Path, picture: Path, size: str = "1920x1080") -> None:
+    """Write a PNG of the views of a recording (.rrd); GseError if the viewer cannot draw it."""
+    if picture.suffix.lower() != ".png":
+        raise UsageError(f"the screenshot {picture} is written as PNG; name it .png")
+    if picture.exists():
+        raise UsageError(f"{picture} exists already; choose another name")
+    port = free_port("127.0.0.1")
+    options = ["--headless", "--window-size", size, "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
+    viewer = subprocess.Popen(
+        [str(rerun_program()), *options, str(recording)],
+        env=quiet_environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        client = _connect(viewer, port)
+        _wait_until_loaded(client)
+        client.save_screenshot(str(picture.absolute()))
+    except (RuntimeError, OSError) as error:
+        raise GseError(f"rerun's viewer drew no picture ({str(error).splitlines()[0]:.100}); {_HINT}") from error
+    finally:
+        viewer.kill()
+        viewer.wait()
+    if not picture.exists():
+        raise GseError(f"rerun's viewer wrote no {picture}; {_HINT}")
+
+
+def _connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
+    pause = threading.Event()
+    for _ in range(_START_TRIES):
+        if viewer.poll() is not None:
+            raise GseError(f"rerun's viewer ended at once (exit code {viewer.returncode}); {_HINT}")
+        with contextlib.suppress(Exception):  # rerun raises various kinds until the viewer listens
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()
+            return client
+        pause.wait(_TRY_EVERY_S)
+    raise GseError(f"rerun's viewer does not answer; {_HINT}")
+
+
+def _wait_until_loaded(client: ViewerClient) -> None:
+    pause = threading.Event()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rerun warns that this is experimental
+        for _ in range(_LOAD_TRIES):
+            state = client.get_state()
+            if state.recordings and not state.loading:
+                break
+            pause.wait(_TRY_EVERY_S)
+    pause.wait(_SETTLE_S)

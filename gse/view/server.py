@@ -42,8 +42,7 @@ from gse.errors import GseError
 from gse.station.notes import Notes, note_text
 from gse.view.glance import Glance
 from gse.view.recent import NextPiece
-from gse.view.viewer import rerun_version
-from gse.view.viewer_files import MEDIA_TYPES, ViewerFiles
+from gse.view.viewer import MEDIA_TYPES, ViewerFiles, rerun_version
 
 # The names by which a web server of this machine may be asked.
 #

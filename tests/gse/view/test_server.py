@@ -14,7 +14,7 @@ from skies.synthetic_night import synthetic_night
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
 from gse.view.server import MOST_CONNECTIONS, Content, ViewServer, names_of_machine
-from gse.view.viewer_files import ViewerFiles
+from gse.view.viewer import ViewerFiles
 
 
 @pytest.fixture
