@@ -2,10 +2,14 @@
 
 Unchunked, and handed to the kernel after every message: what was written stays when the process is killed. Reading is
 ``read_capture`` of drivers/session_file/reader.py.
+
+MCAP's own writer forgets a record when the write below it fails. So it writes into a spool (``RetryingFile``), which
+never fails; ``flush`` hands the bytes to the kernel, and what the kernel refuses stays for the next flush, in order.
 """
 
 import contextlib
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +17,7 @@ from types import TracebackType
 from mcap.writer import IndexType, Writer
 
 from drivers.errors import CaptureError
+from drivers.host_files import CREATE, read_at
 from drivers.session_file.records import (
     CONTINUED,
     CONTINUES,
@@ -24,7 +29,6 @@ from drivers.session_file.records import (
     RecordedMessage,
     checksum,
 )
-from drivers.session_file.retrying_file import RetryingFile
 from drivers.session_file.written_bytes import WrittenBytes
 
 _LAST_NS = 2**64 - 1
@@ -169,3 +173,83 @@ class CaptureWriter(MessageWriter):
             encoding = _ENCODINGS.get(topic, "json")
             self._channels[topic] = self._writer.register_channel(topic, encoding, schema_id=0)
         return self._channels[topic]
+
+
+COPY_BYTES = 1 << 20
+
+
+class RetryingFile:
+    """An append-only file that keeps what is not yet written, and writes it later."""
+
+    def __init__(self, path: Path) -> None:
+        """Create the file; FileExistsError where there is one already: nothing is ever overwritten."""
+        self.path = path
+        self._fd = os.open(path, CREATE, 0o644)
+        self._pending = bytearray()
+        self.written = WrittenBytes()
+
+    @property
+    def pending(self) -> int:
+        """Bytes that the kernel has not taken yet."""
+        return len(self._pending)
+
+    def write(self, data: bytes) -> int:
+        """Take the bytes; they are in memory only until ``flush``."""
+        self._pending += data
+        return len(data)
+
+    def tell(self) -> int:
+        """The length of the file once everything is written."""
+        return self.written.size + len(self._pending)
+
+    def flush(self) -> None:
+        """Hand everything to the kernel; OSError leaves the rest pending."""
+        while self._pending:
+            count = os.write(self._fd, self._pending)
+            self.written.add(bytes(self._pending[:count]))
+            del self._pending[:count]
+
+    def sync(self) -> None:
+        """Have the kernel bring everything to the disk."""
+        os.fsync(self._fd)
+
+    def syncing(self) -> Callable[[], None]:
+        """The same, to be called once, from any thread."""
+        fd = os.dup(self._fd)
+
+        def sync() -> None:
+            try:
+                os.fsync(fd)
+            finally:
+                os.close(fd)
+
+        return sync
+
+    def vanished(self) -> bool:
+        """Whether the file was deleted or replaced: writing still succeeds then, but without effect."""
+        try:
+            there, here = os.stat(self.path), os.fstat(self._fd)
+        except OSError:
+            return True
+        return (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
+
+    def restore(self) -> None:
+        """Write a vanished file again, whole, from the open descriptor; OSError where that is not possible."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        fd = os.open(self.path, CREATE, 0o644)
+        try:
+            offset = 0
+            while block := read_at(self._fd, COPY_BYTES, offset):
+                while block:
+                    count = os.write(fd, block)
+                    offset, block = offset + count, block[count:]
+        except OSError:
+            os.close(fd)
+            self.path.unlink(missing_ok=True)
+            raise
+        os.close(self._fd)
+        self._fd = fd
+
+    def close(self) -> None:
+        """Close the file; what is still pending is lost, so ``flush`` first."""
+        os.close(self._fd)
