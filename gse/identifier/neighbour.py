@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 from gse.catalog import StarCatalog, mission_catalog
 from gse.identifier.acceptance import RandomSky, misfit, wahba_residual_rad
 from gse.identifier.input_checks import distinct_objects, refusals
-from gse.identifier.neighbour_level_1 import Blocks, blocks_of
-from gse.identifier.neighbour_search import EVERYWHERE, SearchOptions, best_vote, first_fit
+from gse.identifier.neighbour_search import EVERYWHERE, Blocks, SearchOptions, best_vote, blocks_of, first_fit
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
 from gse.process.jit import compiled, compiled_part

@@ -9,8 +9,18 @@ from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_ta
 
 from gse.catalog import load_catalog, mission_catalog
 from gse.identifier.consistency import MOST_CANDIDATES, object_of, star_of
-from gse.identifier.neighbour_level_1 import BLOCK, blocks_of, put_fits, put_fits_of_star, seen_from
-from gse.identifier.neighbour_search import EVERYWHERE, SearchOptions, best_vote, first_fit, view_of
+from gse.identifier.neighbour_search import (
+    BLOCK,
+    EVERYWHERE,
+    SearchOptions,
+    best_vote,
+    blocks_of,
+    first_fit,
+    put_fits,
+    put_fits_of_star,
+    seen_from,
+    view_of,
+)
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.values.camera import Camera
 from gse.values.spiral import spiral_directions
