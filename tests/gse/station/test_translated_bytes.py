@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from gse.station.translated_bytes import ByteMarks
+from gse.station.byte_stream import ByteMarks
 from protocols import load_protocol
 
 PROTOCOL = load_protocol("panorama-v1")
