@@ -22,10 +22,10 @@ from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
 from gse.report.frames_table import frames_schema
 from gse.report.parquet import MOST_ROWS, check_size
-from gse.report.session_tables import SessionTables, session_tables
+from gse.report.sessions_table import SessionTables, session_tables
 from gse.report.stars_table import stars_schema
 from gse.report.table_columns import SCHEMA_VERSION
-from gse.sessions.judged import Judged, judged_session, result_key
+from gse.sessions.kept_results import Judged, judged_session, result_key
 from gse.sessions.replay import replay_session
 from gse.station.frame_results import FrameResult
 from gse.station.loop import StationLoop

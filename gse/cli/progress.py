@@ -20,7 +20,7 @@ from gse.station.loop import Listener, StationLoop
 from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
-    from gse.sessions.judged import Judged
+    from gse.sessions.kept_results import Judged
 
 
 # Progress of a long command on stderr with the time left: a bar on a terminal, else a line at each tenth.
@@ -108,7 +108,7 @@ def judged_with_progress(
     With options the session is another one: then results are neither used nor kept.
     """
     from gse.process.release_memory import spare_pandas
-    from gse.sessions.judged import Judged, judged_session
+    from gse.sessions.kept_results import Judged, judged_session
     from gse.verdict.assessment import judge
 
     spare_pandas()
@@ -129,7 +129,7 @@ def session_with_progress(
 ) -> SessionData:
     """The session of ``judged_with_progress`` without its assessment, which kept results do not hold."""
     from gse.process.release_memory import spare_pandas
-    from gse.sessions.judged import session_alone
+    from gse.sessions.kept_results import session_alone
 
     spare_pandas()
 

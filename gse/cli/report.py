@@ -40,7 +40,7 @@ from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
     from gse.config.choice import StationText
-    from gse.sessions.judged import Judged
+    from gse.sessions.kept_results import Judged
 
 
 @dataclass(frozen=True, slots=True)

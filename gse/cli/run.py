@@ -46,8 +46,8 @@ from gse.config.station import Station
 from gse.errors import GseError, UsageError
 from gse.process import terminal
 from gse.sessions import night
-from gse.sessions.every_night import run_every_night
 from gse.sessions.live import Ending
+from gse.sessions.night import run_every_night
 from gse.sessions.status_file import is_unfinished, session_folders
 from gse.station.notes import Notes
 from gse.truth.iers_tables import GivenTables
@@ -336,7 +336,7 @@ class _Session:
         with ending.interruptible():
             assessment = judge_as_stated(live.session, clock_error_s)
             report = conclude(live.session, assessment, live.folder, live.own_elapsed_us, plots=plots)
-        from gse.sessions.judged import keep_live
+        from gse.sessions.kept_results import keep_live
 
         keep_live(live.session, assessment, live.folder, _say)
         return report

@@ -190,9 +190,9 @@ def _export_results(path: Path, form: str, out: Path | None) -> int:
     """Write the results of a session; the exit code."""
     from drivers.session_file.reader import session_file
     from gse.cli.progress import judged_with_progress
-    from gse.report.session_tables import session_tables
+    from gse.report.sessions_table import session_tables
     from gse.sessions.export import export_mcap, export_parquet
-    from gse.sessions.judged import result_key
+    from gse.sessions.kept_results import result_key
 
     if out is None:
         raise UsageError(f"results need a name: -o {'tables' if form == 'parquet' else 'results.mcap'}")

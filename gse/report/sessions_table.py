@@ -1,7 +1,7 @@
 """The table of sessions: one row per session, with verdict, every figure and its interval, conditions, hashes.
 
 Both subjects have their columns in every row; figures that a session does not have are null. A session that could not
-be judged is a row too, with its error and nulls.
+be judged is a row too, with its error and nulls. ``session_tables`` are this row and the tables of frames and stars.
 """
 
 from collections import Counter
@@ -13,7 +13,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from gse.report.frames_table import frames_table
 from gse.report.result_key import ResultKey
+from gse.report.stars_table import stars_table
 from gse.report.table_columns import (
     COUNT,
     FLAG,
@@ -277,3 +279,23 @@ def _verdict(assessment: Assessment | None) -> Iterator[TableCell]:
     """``damaged`` is the column ``truncated`` of the conditions."""
     yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget", "damaged", "growing"))
     yield records(Row, assessment.rows if assessment else None, "measurements")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionTables:
+    """Tables of sessions, frames and stars; their rows are joined by ``key``, frames and stars also by ``frame``."""
+
+    sessions: pa.Table
+    frames: pa.Table
+    stars: pa.Table
+
+
+def session_tables(
+    session: SessionData, assessment: Assessment, key: ResultKey, *, source: str | None = None
+) -> SessionTables:
+    """The tables of a judged session; ``source`` says where it came from, ``key`` what its results follow from."""
+    return SessionTables(
+        sessions_table(session, assessment, key, source=source),
+        frames_table(session, assessment.statistics, key.text),
+        stars_table(session, key.text),
+    )

@@ -18,7 +18,7 @@ from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage, RecordedMessage
 from drivers.whole_file import new_file
 from gse.report.parquet import write_parquet
-from gse.report.session_tables import SessionTables
+from gse.report.sessions_table import SessionTables
 from gse.report.table_columns import SCHEMA_VERSION
 from gse.sessions.panoramas import open_recording
 from gse.sessions.replay import ReplayOptions

@@ -1,5 +1,7 @@
 """Kept results: what was derived from a session, for the next report, view or comparison of this user.
 
+``judged_session`` takes them where session, station file and software are the same; else it derives and keeps them.
+
     results/<path>/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
                             answers.parquet                                   the sensor's own answers as they came
                             others.parquet                                    objects that no answer names
@@ -17,38 +19,49 @@ import hashlib
 import itertools
 import os
 import shutil
-from collections.abc import Mapping
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from gse.catalog.stars import Designation
+from drivers.mock.playback import is_session
+from drivers.session_file.reader import segment_files, session_file
+from gse.catalog.readers import GAIA
+from gse.catalog.stars import Designation, ListedStars
+from gse.config.choice import StationText
 from gse.config.station import Station
-from gse.errors import TruthError
+from gse.errors import TruthError, UsageError
 from gse.external.identifier import ExternalCounts
 from gse.process.cache_folder import own_cache_folder
+from gse.recording.session_format import read_attachments
 from gse.report.frames_table import frames_parts, frames_schema
 from gse.report.parquet import ParquetColumns, read_parquet, write_parquet
-from gse.report.restored_tables import restored_frames, restored_stars
-from gse.report.result_key import ResultKey
+from gse.report.result_key import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import sessions_table
 from gse.report.stars_table import stars_parts, stars_schema
+from gse.sessions.replay import Replay, StationInForce, station_in_force
+from gse.sessions.sealed_station import names_program
+from gse.sessions.status_file import is_running, read_status
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
+from gse.station.columns import COLUMNS, Column
 from gse.station.events import ClockStep
-from gse.station.frame_table import OTHER
+from gse.station.frame_table import MATCH, MOST_IN_MEMORY, OTHER, FrameTable
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, EarthOrientation
 from gse.values.shown import Shown
-from gse.verdict.assessment import Assessment
-from protocols import StatusMessage
+from gse.verdict.assessment import Assessment, judge
+from protocols import StatusMessage, built_in_names
 
 # Context of kept results: what a session holds besides the tables of frames and stars.
 
@@ -257,3 +270,153 @@ def _drop_oldest(results: Path) -> None:
                 shutil.rmtree(path, ignore_errors=True)
                 with contextlib.suppress(OSError):  # the session has results under other keys
                     path.parent.rmdir()
+
+
+Change = Callable[[StationText], StationText]
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A session and its assessment; ``own_elapsed_us`` are this host's identification times, none of kept results."""
+
+    session: SessionData
+    assessment: Assessment
+    own_elapsed_us: "array[float]"
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where results of a session are kept, and what they follow from."""
+
+    folder: Path
+    key: ResultKey
+    force: StationInForce
+
+
+def judged_session(
+    path: Path, *, station: Change, derive: Callable[[], Replay], tell: Callable[[str], None], anew: bool = False
+) -> Judged:
+    """The session of a recording and its assessment, from kept results, or from ``derive`` and then kept.
+
+    ``station`` changes the recorded station, as ``derive`` does. ``tell`` gets a line about the results that are used,
+    or why they are not. ``anew`` uses none. Results of a recording that has no station of its own, of one that is
+    still written, or of a station file that names files besides itself are not kept: such a file may change. Nor are
+    any where this user has no cache directory.
+    """
+    place = _place(path, station)
+    session = _kept(place, tell) if place and not anew else None
+    return _derived(place, derive, tell) if session is None else Judged(session, judge(session), array("d"))
+
+
+def session_alone(
+    path: Path, *, station: Change, derive: Callable[[], Replay], tell: Callable[[str], None], anew: bool = False
+) -> SessionData:
+    """The session of ``judged_session`` without its assessment: of kept results nothing is judged again."""
+    place = _place(path, station)
+    session = _kept(place, tell) if place and not anew else None
+    return _derived(place, derive, tell).session if session is None else session
+
+
+def _derived(place: _Place | None, derive: Callable[[], Replay], tell: Callable[[str], None]) -> Judged:
+    replay = derive()
+    assessment = judge(replay.session)
+    if place:
+        _keep(replay.session, assessment, place, tell)
+    return Judged(replay.session, assessment, replay.own_elapsed_us)
+
+
+def _kept(place: _Place, tell: Callable[[str], None]) -> SessionData | None:
+    try:
+        session = kept(place.key, place.folder, place.force.station, place.force.text)
+    except KeptResultsError as error:
+        tell(f"{error}; derived anew")
+        return None
+    if session is not None:
+        tell(f"results kept in {place.folder} are used")
+    elif place.folder.is_dir():
+        tell("derived anew: the session, its station file or gse changed since results were kept")
+    return session
+
+
+def _keep(session: SessionData, assessment: Assessment, place: _Place, tell: Callable[[str], None]) -> None:
+    try:
+        keep(session, assessment, place.key, place.folder)
+    except OSError as error:
+        tell(f"results cannot be kept in {place.folder}: {error.strerror or error}")
+
+
+def keep_live(session: SessionData, assessment: Assessment, path: Path, tell: Callable[[str], None]) -> None:
+    """Keep the results of the session file at ``path``, which was closed just now."""
+    place = None
+    with contextlib.suppress(UsageError):  # a session alone names no file of this host, and nothing is kept of such
+        place = _place_of(path, lambda recorded: recorded)
+    if place:
+        _keep(session, assessment, place, tell)
+
+
+def _place(path: Path, station: Change) -> _Place | None:
+    if not path.exists() or not is_session(path) or (path.is_file() and path.stat().st_size == 0):
+        return None
+    status = read_status(session_file(path).parent)
+    return None if status is not None and is_running(status) else _place_of(path, station)
+
+
+def _place_of(path: Path, station: Change) -> _Place | None:
+    first = session_file(path)
+    force = station_in_force(read_attachments(path), station)
+    folder = results_folder(first) if _follows_from_text(force) else None
+    return _Place(folder, result_key(first, force.text), force) if folder else None
+
+
+def _follows_from_text(force: StationInForce) -> bool:
+    """Whether the station file says all: no catalogue, protocol or program in a file of its own."""
+    station = force.station
+    has_protocol = force.protocol_text is not None or station.protocol in built_in_names()
+    runs_program = station.identifier.algorithm == "external" and not names_program(station)
+    return has_protocol and station.catalog == GAIA and not runs_program
+
+
+def result_key(first: Path, station_text: str) -> ResultKey:
+    """The key of the results of a session file, with its segments, under a station file and this software."""
+    station = hashlib.sha256(station_text.encode()).hexdigest()
+    return ResultKey(session_sha256(segment_files(first)), station, software_sha256())
+
+
+def restored_frames(
+    frames: ParquetColumns, stars: ParquetColumns, subject: Subject, others: NDArray[np.void], stride: int
+) -> FrameTable:
+    """The frame table that the tables were made of; ``subject`` is whose answers it holds.
+
+    ``others`` and ``stride`` are the table's own rows of OTHER and its ``picture_stride``.
+    """
+    matches = np.zeros(stars.num_rows, dtype=MATCH)
+    for name in MATCH.names or ():
+        matches[name] = _numbers(stars["star_row" if name == "star" else name])
+    table = FrameTable.with_rows(frames.num_rows, matches, others, stride=stride, most_in_memory=MOST_IN_MEMORY)
+    for column in COLUMNS:
+        values = frames[column.name_of(subject)]
+        table.columns[column.name] = _places(column, values) if column.words else _numbers(values)
+    return table
+
+
+def restored_stars(stars: ParquetColumns, designation: Designation) -> ListedStars:
+    """The stars of the catalogue as far as the matches name them; the others have the number 0."""
+    rows = _numbers(stars["star_row"])
+    count = int(rows.max()) + 1 if len(rows) else 0
+    ids, magnitude = np.zeros(count, dtype=np.int64), np.full(count, np.nan)
+    ids[rows], magnitude[rows] = _numbers(stars["star_id"]), _numbers(stars["magnitude_mag"])
+    return ListedStars(designation, ids, magnitude)
+
+
+def _places(column: Column, values: pa.ChunkedArray) -> NDArray[Any]:
+    words = pa.array([word.value for word in column.words])
+    return np.asarray(pc.index_in(values.cast(pa.string()), words).to_numpy(zero_copy_only=False))
+
+
+def _numbers(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Numbers, with NaN for null; instants as nanoseconds."""
+    if pa.types.is_timestamp(column.type):
+        column = column.cast(pa.int64())
+    if pa.types.is_floating(column.type):
+        column = column.fill_null(float("nan"))
+    return np.asarray(column.to_numpy())

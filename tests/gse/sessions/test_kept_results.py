@@ -17,8 +17,16 @@ from gse.report.files import write_report
 from gse.report.parquet import write_parquet
 from gse.report.result_key import ResultKey
 from gse.sessions import kept_results
-from gse.sessions.judged import Judged, judged_session, result_key
-from gse.sessions.kept_results import CONTEXT, KeptResultsError, keep, kept, results_folder
+from gse.sessions.kept_results import (
+    CONTEXT,
+    Judged,
+    KeptResultsError,
+    judged_session,
+    keep,
+    kept,
+    result_key,
+    results_folder,
+)
 from gse.sessions.replay import replay_session
 from gse.station.events import ClockStep, StationKind
 from gse.station.session_data import SessionData

@@ -17,8 +17,7 @@ from devices.patience import PATIENCE_S
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
-from gse.sessions.every_night import _alone
-from gse.sessions.night import begin_ns, end_ns, next_dusk_ns
+from gse.sessions.night import _alone, begin_ns, end_ns, next_dusk_ns
 from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.values.instant import NS_PER_S, from_text, to_text
 
