@@ -18,39 +18,24 @@ from protocols.frame import (
     UNKNOWN_TYPE,
     Discard,
     Frame,
+    HeldBytes,
     Reason,
     discards,
 )
 from protocols.layout import FrameLayout
 
 
-class DelimitedScanner:
-    """Holds at most one incomplete packet, or one incomplete discard."""
+class DelimitedScanner(HeldBytes):
+    """Holds at most one incomplete packet, or one incomplete discard; any byte may end a packet."""
 
     def __init__(self, layout: FrameLayout, delimiter: Delimiter) -> None:
+        super().__init__()
         self._layout = layout
         self._delimiter = delimiter
         self._largest = 2 * layout.largest
-        self._buffer = bytearray()
-        self._start = 0
-        self._scan = 0
         self._ends = 0
         self._synced = False
         self._overlong = False
-
-    @property
-    def pending(self) -> int:
-        """Bytes held back."""
-        return len(self._buffer)
-
-    @property
-    def wanted(self) -> int:
-        """Any byte may end a packet."""
-        return 1
-
-    @property
-    def refused(self) -> None:
-        """Nothing: a packet is complete before it is looked at."""
 
     def feed(self, data: bytes) -> list[Frame | Discard]:
         """Frames and discards that these bytes complete."""
@@ -79,11 +64,6 @@ class DelimitedScanner:
         self._drop(at)
         self._ends, self._synced, self._overlong = 0, False, False
         return out
-
-    def _drop(self, count: int) -> None:
-        del self._buffer[:count]
-        self._start += count
-        self._scan -= count
 
     def _overlong_since(self, at: int) -> int:
         """Where in the buffer what began at ``at`` becomes longer than a frame can be."""

@@ -48,6 +48,43 @@ class Discard:
     known_at: int
 
 
+class HeldBytes:
+    """The bytes of a stream that a scanner holds until it is known what they are.
+
+    The first of them is at the offset ``_start`` of the stream. Up to ``_scan`` they were looked at, ``_reason`` is why
+    no frame was found there, and of a frame that has begun ``_wanted`` bytes must come.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self._start = 0
+        self._scan = 0
+        self._wanted = 0
+        self._reason: Reason = NO_SYNC
+
+    @property
+    def pending(self) -> int:
+        """Bytes held back."""
+        return len(self._buffer)
+
+    @property
+    def wanted(self) -> int:
+        """How many bytes must come before anything can be found: those that are missing of a frame that has begun."""
+        return max(self._wanted - len(self._buffer), 1)
+
+    @property
+    def refused(self) -> Discard | None:
+        """What is held back, where it is known already that it begins with no frame; None where that never is."""
+        return None
+
+    def _drop(self, count: int) -> None:
+        """Forget the first bytes, which were given on."""
+        del self._buffer[:count]
+        self._start += count
+        self._scan -= count
+        self._wanted = max(0, self._wanted - count)
+
+
 def discards(
     start: int, data: bytes, reason: Reason, known_at: int, *, full_since: int | None = None, behind: int = 0
 ) -> list[Discard]:

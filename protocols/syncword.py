@@ -24,24 +24,21 @@ from protocols.frame import (
     UNKNOWN_TYPE,
     Discard,
     Frame,
+    HeldBytes,
     Reason,
     discards,
 )
 from protocols.layout import FrameLayout, Refused
 
 
-class SyncWordScanner:
+class SyncWordScanner(HeldBytes):
     """Holds at most one incomplete frame, or one incomplete discard with the start of a sync word."""
 
     def __init__(self, layout: FrameLayout) -> None:
+        super().__init__()
         self._layout = layout
         self._sync_word = layout.sync_word
         self._headed = len(layout.sync_word) + layout.header.size
-        self._buffer = bytearray()
-        self._start = 0
-        self._scan = 0
-        self._reason: Reason = NO_SYNC
-        self._wanted = 0
         self._claimed = 0
         is_plain = layout.other is None and layout.addresses is None and not layout.escape
         self._examine_any: Callable[[int], Frame | Refused | Reason]
@@ -49,16 +46,6 @@ class SyncWordScanner:
         self._longest = 2 * layout.largest + 2
         escape = re.escape(layout.escape)
         self._inside = re.compile(b"(?:[^%b]|%b%b)*" % (escape, escape, escape) if escape else b"", re.DOTALL)
-
-    @property
-    def pending(self) -> int:
-        """Bytes held back."""
-        return len(self._buffer)
-
-    @property
-    def wanted(self) -> int:
-        """The bytes that are missing of a frame that has begun."""
-        return max(self._wanted - len(self._buffer), 1)
 
     @property
     def refused(self) -> Discard | None:
@@ -92,12 +79,6 @@ class SyncWordScanner:
         self._drop(len(self._buffer))
         self._scan, self._reason, self._wanted = 0, NO_SYNC, 0
         return out
-
-    def _drop(self, count: int) -> None:
-        del self._buffer[:count]
-        self._start += count
-        self._scan = max(0, self._scan - count)
-        self._wanted = max(0, self._wanted - count)
 
     def _begun_sync_word(self) -> int:
         """How many bytes at the end of the buffer may be the start of a sync word."""

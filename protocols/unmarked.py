@@ -4,7 +4,8 @@
 
 A frame may begin at each byte: it is one if its type is known, its length is one that the type allows, and its checksum
 and end word are right. Where no frame begins the scan goes on one byte further. What lies between two frames is `no
-sync`, but from a header with a right type and length on, whose checksum is wrong, it is `bad crc`.
+sync`, but from a header with a right type and length on, whose checksum is wrong, it is `bad crc`. That something
+begins with no frame is never known early (``refused``): only its checksum tells, which any bytes may have.
 """
 
 from protocols.frame import (
@@ -16,38 +17,21 @@ from protocols.frame import (
     TRUNCATED,
     Discard,
     Frame,
+    HeldBytes,
     Reason,
     discards,
 )
 from protocols.layout import FrameLayout, Refused
 
 
-class UnmarkedScanner:
+class UnmarkedScanner(HeldBytes):
     """Holds at most one incomplete frame, and the discard before it."""
 
     def __init__(self, layout: FrameLayout) -> None:
+        super().__init__()
         self._layout = layout
         self._headed = layout.header.size
-        self._buffer = bytearray()
-        self._start = 0
-        self._scan = 0
-        self._reason: Reason = NO_SYNC
         self._claimed = 0
-        self._wanted = 0
-
-    @property
-    def pending(self) -> int:
-        """Bytes held back."""
-        return len(self._buffer)
-
-    @property
-    def wanted(self) -> int:
-        """The bytes that are missing of a frame that may have begun."""
-        return max(self._wanted - len(self._buffer), 1)
-
-    @property
-    def refused(self) -> None:
-        """Nothing: what begins with no frame is known by its checksum only, which any bytes may have."""
 
     def feed(self, data: bytes) -> list[Frame | Discard]:
         """Frames and discards that these bytes complete."""
@@ -69,11 +53,8 @@ class UnmarkedScanner:
         return out
 
     def _drop(self, count: int) -> None:
-        del self._buffer[:count]
-        self._start += count
-        self._scan -= count
+        super()._drop(count)
         self._claimed -= count
-        self._wanted -= count
 
     def _take(self, out: list[Frame | Discard], *, final: bool = False) -> int:
         """Appends what is complete; returns where in the buffer the rest begins."""

@@ -27,6 +27,7 @@ from protocols.frame import (
     UNKNOWN_TYPE,
     Discard,
     Frame,
+    HeldBytes,
     Reason,
     discards,
 )
@@ -142,29 +143,12 @@ class ClassLayout(FrameLayout):
         return found if layout.can_have(len(found.payload)) else Skipped(found.size, BAD_LENGTH)
 
 
-class ClassScanner:
-    """Holds at most one incomplete frame, and the discard before it."""
+class ClassScanner(HeldBytes):
+    """Holds at most one incomplete frame, and the discard before it; any byte may complete a frame."""
 
     def __init__(self, layout: ClassLayout) -> None:
+        super().__init__()
         self._layout = layout
-        self._buffer = bytearray()
-        self._start = 0
-        self._scan = 0
-        self._reason: Reason = NO_SYNC
-
-    @property
-    def pending(self) -> int:
-        """Bytes held back."""
-        return len(self._buffer)
-
-    @property
-    def wanted(self) -> int:
-        """Any byte may complete a frame."""
-        return 1
-
-    @property
-    def refused(self) -> None:
-        """Nothing: what is no frame is known when the class says so."""
 
     def feed(self, data: bytes) -> list[Frame | Discard]:
         """Frames and discards that these bytes complete."""
@@ -212,8 +196,3 @@ class ClassScanner:
         if end == at:
             return []
         return discards(self._start + at, bytes(self._buffer[at:end]), self._reason, self._start + end)
-
-    def _drop(self, count: int) -> None:
-        del self._buffer[:count]
-        self._start += count
-        self._scan -= count
