@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_NS_PER_S = 1_000_000_000
 _SAME_INSTANT_NS = 100_000
 """Two clocks read within this time show the same instant."""
 _MOST_READINGS = 10

@@ -126,10 +126,6 @@ def _head_of(path: Path) -> _Head:
     return head
 
 
-def _end_among(part: Sequence[Record]) -> RecordedMessage | None:
-    return next((each for each in part if isinstance(each, RecordedMessage) and each.topic == CONTINUED), None)
-
-
 def _object(data: bytes) -> dict[str, object]:
     try:
         document = json.loads(data)

@@ -24,16 +24,14 @@ from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.errors import UsageError
 from gse.sessions.forecast import Forecast, snapshot
 from gse.station.frame_json import frame_json
-from gse.station.frame_results import FrameResult, FrameResults
+from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.session_data import SessionData
-from gse.values.instant import to_text
 from gse.view.live_state import LiveState
 from gse.view.status import StatusLine
 
 if TYPE_CHECKING:
-    from gse.sessions.forecast import Forecast
     from gse.view.live import LiveView
 
 _LOOPBACK = ("127.0.0.1", "localhost")
@@ -180,17 +178,3 @@ def _live_diagnosis(listeners: Sequence[Listener], snapshot: Callable[[SessionDa
             listener.on_event(event)
 
     return LiveDiagnosis(announce, snapshot)
-
-
-def _frame_text(result: FrameResult) -> str:
-    panorama, error = result.panorama, result.attitude_error
-    line = (
-        f"{to_text(panorama.utc_ns, 3)} frame {panorama.frame_no}: {result.status}, {len(panorama.brightness)} objects"
-    )
-    if result.detail:
-        line += f", {result.detail}"
-    if len(result.matches):
-        line += f", {len(result.matches)} stars"
-    if error:
-        line += f", dRA* {error.d_ra_cosde_arcsec:+.1f} dDE {error.d_de_arcsec:+.1f} arcsec"
-    return line

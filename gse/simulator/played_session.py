@@ -38,7 +38,6 @@ from protocols.parts import PART
 _PIECE_BYTES = 512
 """Most bytes at once: a host that read its port late has recorded more together than a terminal holds."""
 _LONGEST_WAIT_S = 0.1
-_NS_PER_US = 1000
 
 
 class ShiftedFrames:
