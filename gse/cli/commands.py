@@ -151,7 +151,7 @@ def epilog(name: str) -> str | None:
 _LIVE = ("--bind", "--http-port", "--save-rrd", "--json-frames")
 _JUDGED = ("--earth-orientation", "--plots", "--paper")
 ADVANCED: Mapping[str, tuple[str, ...]] = {
-    "run": ("--station", *_LIVE, *_JUDGED, "--identifier", "--scene", "--wait-port", "--json"),
+    "run": ("--station", *_LIVE, *_JUDGED, "--identifier", "--scene", "--rates", "--wait-port", "--json"),
     "replay": (*_LIVE, *_JUDGED, "--leave-out", "--start-utc", "--address"),
     "report": (*_JUDGED, "--start-utc", "--anew", "--screenshot"),
     "why": ("--with-site", "--clock-error"),

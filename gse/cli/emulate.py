@@ -111,10 +111,10 @@ def command(
         raise UsageError("--shift and --faults are for a recorded session: give --session too")
     options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
     options |= {"level": level, **({"standby": "yes"} if standby else {})}
-    session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
+    station, _ = station_of(station_path)
+    session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}), station)
     if dark:
         session = session.model_copy(update={"air": session.air.model_copy(update={"sunlight": False})})
-    station, _ = station_of(station_path)
     device = session.device_for(station)
     detector = detector_of(station, session, options)
     # A first exposure, which is not sent, loads catalogue, ephemeris and Earth orientation.

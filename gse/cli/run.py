@@ -15,7 +15,7 @@ import click
 from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.host_files import APPEND, READ
-from drivers.mock.urls import parse_mock_url
+from drivers.mock.urls import parse_mock_url, sim_url
 from drivers.urlhandlers.protocol_sim import register
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.finish import (
@@ -171,6 +171,11 @@ _MOST_LISTED = 3
 )
 @live_options
 @scene_option
+@click.option(
+    "--rates",
+    metavar="LIST",
+    help="Turn the scene at one rate after the other, 60 s each: 0,0.1,0.2,0.5,1,2deg/s",
+)
 @click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
 @click.option("--detach", "detached", is_flag=True, help="Run without this terminal: gse status.")
 @clock_error_option
@@ -192,6 +197,7 @@ def command(
     every: str | None,
     live: LiveOptions,
     scene: str | None,
+    rates: str | None,
     wait_port: bool,
     detached: bool,
     clock_error_s: float | None,
@@ -218,9 +224,9 @@ def command(
     shown: list[Shown] = []
     stage = None
     if station.port.url.startswith("sim://"):
-        station, text = _simulated(station, text, shown)
-    elif station.screen is not None:
-        stage = stage_of(station, scene)
+        station, text = _simulated(*_with_scene(station, text, scene, rates), shown)
+    elif station.screen is not None or scene is not None or rates is not None:
+        stage = stage_of(station, scene, rates)
     notes = Notes()
     live_outputs, alarmed = LiveOutputs(live, notes=notes), contextlib.ExitStack()
     with Ending(_say) as ending, terminal.queued(_waits_for_reader(station, ending)):
@@ -354,10 +360,20 @@ class _Session:
 def _station(path: Path | None, url: str | None, identifier: str | None) -> tuple[Station, str]:
     """The station to run, with another port and another identifier where they are given, and its text."""
     station, text = with_identifier(*station_of(path), identifier)
-    if url is None:
-        return station, text
+    return (station, text) if url is None else _with_url(station, text, url)
+
+
+def _with_url(station: Station, text: str, url: str) -> tuple[Station, str]:
     port = station.port.model_copy(update={"url": url})
     return station.model_copy(update={"port": port}), with_values(text, "port", {"url": url})
+
+
+def _with_scene(station: Station, text: str, scene: str | None, rates: str | None) -> tuple[Station, str]:
+    """The station whose simulated sensor looks at a scene of the command line."""
+    given = {name: value for name, value in (("scenario", scene), ("rates", rates)) if value is not None}
+    if not given:
+        return station, text
+    return _with_url(station, text, sim_url(**(parse_mock_url(station.port.url).options | given)))
 
 
 def _say(text: str) -> None:
@@ -415,6 +431,6 @@ def _simulated(station: Station, text: str, shown: list[Shown]) -> tuple[Station
     from gse.simulator.device import scenario_of
 
     register(device_factory(station))
-    scenario = scenario_of(parse_mock_url(station.port.url).options)
+    scenario = scenario_of(parse_mock_url(station.port.url).options, station)
     shown += scenario.shown(scenario.start_utc_ns)
     return scenario.station_for(station), scenario.station_text(text)

@@ -45,14 +45,16 @@ def command(station_path: Path | None, scene: str | None) -> None:
             time.sleep(_LOOK_S)
 
 
-def stage_of(station: Station, scene: str | None) -> "Stage":
+def stage_of(station: Station, scene: str | None, rates: str | None = None) -> "Stage":
     """The stage of a station with a screen; UsageError where it has none."""
     from gse.screen.stage import Stage
+    from gse.simulator.device import rates_of
     from gse.simulator.scenario import DEFAULT, load_scenario
 
     if station.screen is None:
         raise UsageError("the station file has no screen section; docs/screen.md shows one")
-    return Stage(station, load_scenario(scene or DEFAULT))
+    scenario = load_scenario(scene or DEFAULT)
+    return Stage(station, scenario if rates is None else scenario.at_rates(rates_of(rates), station))
 
 
 @contextmanager

@@ -74,11 +74,11 @@ def command(
         return
     changes = {"scenario": scenario, "start": start, "rate_hz": rate_hz, "seed": seed, "level": level}
     options = {name: str(value) for name, value in changes.items() if value is not None}
-    described = scenario_of(options)
+    base, text = station_of(station_path)
+    described = scenario_of(options, base)
     parse_faults({"faults": faults or "", "seed": str(seed)})
     if seconds is not None:
         options["frames"] = str(max(round(seconds * described.rate_hz), 1))
-    base, text = station_of(station_path)
     text = described.station_text(text)
     station = parse_station(text, f"station of scenario {scenario}") if described.station else base
     port = station.port.model_copy(update={"url": sim_url(**options, faults=faults)})

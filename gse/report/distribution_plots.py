@@ -1,6 +1,7 @@
 """Figures of the distribution of the errors: scatter, histogram, spectrum."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 
 from gse.report.plot_data import PlotData, edge_of, sample, unit_of
 from gse.values.axis import D_DE, D_RA_COSDE, ON_SKY
+from gse.values.limits import Limits
+from gse.verdict.requirements import SlewStep
 from gse.view.drawing import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 
 # The spectrum of an error axis; frames may be missing.
@@ -172,3 +175,29 @@ def _instants(data: PlotData) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     time_s = (utc_ns - utc_ns[0]) / 1e9 if len(utc_ns) else np.empty(0)
     first = np.diff(time_s, prepend=-1.0) > 0
     return time_s[first], first
+
+
+def draw_slew(figure: Figure, steps: Sequence[SlewStep], limits: Limits) -> None:
+    """Availability and false answers against the slew rate; beside it the errors, and the limit of the rate."""
+    rates = [step.rate_deg_per_s for step in steps]
+    shares, errors = figure.subplots(1, 2)
+    for name, values in (
+        ("available", [step.subject.available.value for step in steps]),
+        ("false answers", [step.subject.false_answers.value for step in steps]),
+    ):
+        colour = BLUE if name == "available" else VERMILLION
+        shares.plot(rates, [100 * value for value in values], marker="o", color=hex_of(colour), label=name)
+    for axis, colour in zip(ON_SKY, (BLUE, ORANGE), strict=True):
+        of_axis = [step.subject.axes[axis.key] for step in steps]
+        errors.plot(rates, [one.p95_abs_arcsec for one in of_axis], marker="o", color=hex_of(colour),
+                    label=f"95 % of |{axis.label}|")  # fmt: skip
+        errors.plot(rates, [one.std_arcsec for one in of_axis], marker=".", linestyle="--", color=hex_of(colour),
+                    label=f"noise of {axis.label}")  # fmt: skip
+    shares.set_ylabel("% of the frames")
+    errors.set_ylabel("arcsec")
+    for axes in (shares, errors):
+        axes.set_xlabel("slew rate (deg/s)")
+        if limits.slew_deg_per_s is not None:
+            axes.axvline(limits.slew_deg_per_s, color=hex_of(GREY), linestyle=":", label="limits.slew_deg_per_s")
+        axes.set_ylim(bottom=0)
+        axes.legend()

@@ -179,7 +179,7 @@ def _asks_as_the_paper(station: Station) -> bool:
 def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
     from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
 
-    return session_plots(session, assessment.statistics, times_recorded=times_recorded)
+    return session_plots(session, assessment, times_recorded=times_recorded)
 
 
 class _TemplateOnDisk(jinja2.FileSystemBytecodeCache):

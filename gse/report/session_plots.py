@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
+from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_slew, draw_spectrum
 from gse.report.plot_data import PlotData
 from gse.report.sky_plots import draw_residual_map, draw_sky
 from gse.report.svg import Draw, svgs_of
@@ -10,6 +10,7 @@ from gse.report.time_plots import draw_errors, draw_identification_time, draw_pa
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import Statistics
+from gse.verdict.assessment import Assessment
 
 _PLOTS_OF_SUBJECT = (
     ("errors", 3.0, draw_errors),
@@ -30,9 +31,9 @@ _OF_STARS = ("sky_condition", "residuals")
 """A sensor that sends its own answers alone shows no stars."""
 
 
-def session_plots(session: SessionData, stats: Statistics, *, times_recorded: bool) -> dict[str, str]:
+def session_plots(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
     """SVG elements by name; those of a subject have its name before theirs."""
-    plotted = _plot_data(session, stats)
+    plotted = _plot_data(session, assessment.statistics)
     of_stars = _OF_STARS if session.subject is Subject.SENSOR else ()
     without = {*(() if times_recorded else ("identification",)), *of_stars}
     wanted: list[tuple[str, float, Draw]] = [
@@ -43,6 +44,8 @@ def session_plots(session: SessionData, stats: Statistics, *, times_recorded: bo
             (f"{of_subject.subject}-{name}", height_in, partial(draw, data=of_subject))
             for name, height_in, draw in _PLOTS_OF_SUBJECT
         ]
+    for subject, steps in assessment.slew.items():
+        wanted.append((f"{subject}-slew", 2.8, partial(draw_slew, steps=steps, limits=session.station.limits)))
     return svgs_of(wanted)
 
 

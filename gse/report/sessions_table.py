@@ -277,7 +277,9 @@ def _serial(session: SessionData) -> str | None:
 
 def _verdict(assessment: Assessment | None) -> Iterator[TableCell]:
     """``damaged`` is the column ``truncated`` of the conditions."""
-    yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget", "damaged", "growing"))
+    yield from columns_of(
+        Assessment, assessment, without=("rows", "statistics", "budget", "damaged", "growing", "slew")
+    )
     yield records(Row, assessment.rows if assessment else None, "measurements")
 
 

@@ -15,7 +15,7 @@ from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
-from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Row
+from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Outcome, Row
 from gse.statistics.decision import Row as DecisionRow
 from gse.statistics.excuses import excusing
 from gse.statistics.incidents import Incident
@@ -24,8 +24,10 @@ from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values import instant
+from gse.values.axis import OF_SENSOR, ON_SKY
 from gse.values.limits import Decision
 from gse.verdict.assessment import Assessment, is_left_out
+from gse.verdict.requirements import SlewStep
 from protocols import StatusMessage
 
 # The ``test:`` block of a station file as the report gives it, with what the sensor says of itself.
@@ -116,11 +118,29 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "incidents": [_incident(one) for one in stats.incidents],
         "session": _session(session),
     }
+    if assessment.slew:
+        report["slew"] = [_slew_step(subject, step) for subject, steps in assessment.slew.items() for step in steps]
     external = external_identifier(session)
     if external is not None:
         report["external_identifier"] = external
     document: dict[str, Any] = plain(report)
     return document | {"conclusion": conclusion(document)}
+
+
+def _slew_step(subject: Subject, step: SlewStep) -> dict[str, Any]:
+    """What a subject did while the scene turned at one rate; noise is the standard deviation."""
+    axes = step.subject.axes
+    return {
+        "subject": subject,
+        "rate_deg_per_s": step.rate_deg_per_s,
+        "frames": step.frames,
+        "available": step.subject.available.value,
+        "false_answers": step.subject.false_answers.value,
+        **{f"p95_{axis.key}_arcsec": axes[axis.key].p95_abs_arcsec for axis in ON_SKY},
+        **{f"noise_{axis.key}_arcsec": axes[axis.key].std_arcsec for axis in OF_SENSOR},
+        "outcome": step.outcome,
+        "reasons": [row.reason for row in step.rows if row.outcome is not Outcome.PASS],
+    }
 
 
 def tested(session: SessionData, stats: Statistics) -> str:

@@ -16,7 +16,7 @@ from gse.simulator.scenario import DEFAULT, Host, Scenario, check_start, load_sc
 from gse.values.instant import NS_PER_S
 from protocols import load_protocol
 
-OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level", "reset_s")
+OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level", "reset_s", "rates")
 LEVELS = ("panorama", "image", "image-sub-pixel")
 DEFAULT_SEED = 1
 _IDLE_NS = 100_000_000
@@ -88,8 +88,8 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
     Options of the URL: ``scenario`` (a name or a YAML file), ``seed``, ``frames`` (exposures until the end), ``start``
     (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for a command, which is the default where the
     station file has it asked), ``level`` (``panorama``, or the slower ``image`` and ``image-sub-pixel``: whole images,
-    extracted), ``reset_s`` (the sensor restarts so many seconds after the start). UrlError otherwise, with what was
-    expected.
+    extracted), ``reset_s`` (the sensor restarts so many seconds after the start), ``rates`` (deg/s, at which the scene
+    turns one after the other). UrlError otherwise, with what was expected.
     """
 
     def make(options: dict[str, str]) -> SimulatedSensor:
@@ -97,7 +97,7 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
         if unknown:
             raise UrlError(f"sim://: unknown option {unknown[0]!r}; known are speed, cut, {', '.join(OPTIONS)}")
         try:
-            scenario = scenario_of(options)
+            scenario = scenario_of(options, station)
             return _sensor(station, scenario, options)
         except GseError as error:
             raise UrlError(f"sim://: {error}") from error
@@ -105,9 +105,11 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
     return make
 
 
-def scenario_of(options: dict[str, str]) -> Scenario:
+def scenario_of(options: dict[str, str], station: Station) -> Scenario:
     """The scenario with what the options change in it; UrlError or ConfigError otherwise."""
     scenario = load_scenario(options.get("scenario") or DEFAULT)
+    if "rates" in options:
+        scenario = scenario.at_rates(rates_of(options["rates"]), station)
     changes: dict[str, object] = {}
     if "start" in options:
         try:
@@ -122,6 +124,14 @@ def scenario_of(options: dict[str, str]) -> Scenario:
         changes["firmware"] = scenario.firmware.model_copy(update={"resets_s": resets_s})
     changes |= {"rate_hz": rate_hz, "seconds": frames / rate_hz, "exposure_s": min(scenario.exposure_s, 1 / rate_hz)}
     return scenario.model_copy(update=changes)
+
+
+def rates_of(text: str) -> list[float]:
+    """Rates of turn from a text like 0,0.1,0.5deg/s; none where it is no such text."""
+    try:
+        return [float(part) for part in text.strip().removesuffix("deg/s").split(",")]
+    except ValueError:
+        return []
 
 
 def firmware_of(

@@ -1,7 +1,8 @@
 """Panoramas of the simulated sky: stars to objects, without an image between.
 
 What the paper's extraction does to stars is done to their list: of stars within one footprint the brighter counts,
-with the light of both; of two objects in one row the brighter; the 30 brightest are kept.
+with the light of both; of two objects in one row the brighter; the 30 brightest are kept. Where a scene turns, a star
+is a trail: its peak falls as that of a Gaussian that is drawn out, and the noise of its place grows by as much.
 """
 
 import math
@@ -55,21 +56,30 @@ class PanoramaSource:
             return Exposure(np.empty((0, 2)), np.empty(0), frozenset({OVEREXPOSED}))
         limit = self._photometry.faintest_magnitude(sky_magnitude, exposure_s, temperature_c)
         blur = self._scene.blur(middle_utc_ns)  # the light of a peak is spread over the square of it
-        xy_px, magnitude = self._stars(middle_utc_ns, limit - 5 * math.log10(blur), self._noise_px * blur)
+        xy_px, magnitude = self._stars(middle_utc_ns, exposure_s, limit - 5 * math.log10(blur), blur)
         index = self._photometry.peak_index(magnitude, exposure_s) / blur**2
         xy_px, index = self._with_hot_pixels(xy_px, index, exposure_s, temperature_c)
         xy_px, index = self._with_false_objects(xy_px, index)
         xy_px, index = self._behind_the_moon(xy_px, index, middle_utc_ns)
         return self._kept(xy_px, index + background)
 
-    def _stars(self, utc_ns: int, limit: float, noise_px: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _stars(
+        self, utc_ns: int, exposure_s: float, limit: float, blur: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         noise = self._scenario.optics.magnitude_noise
         # The cell is asked for to the next half magnitude: the limit wanders a little with the temperature.
         deepest = math.ceil(2 * (limit + _NOISE_SIGMAS * noise)) / 2
-        (xy_px,), magnitude = self._scene.objects(utc_ns, deepest)
+        half_ns = round(exposure_s * 5e8)
+        offsets_ns = (0, -half_ns, half_ns) if self._scene.turns(utc_ns) else (0,)
+        (xy_px, *ends_px), magnitude = self._scene.objects(utc_ns, deepest, offsets_ns)
         near = self._camera.contains(xy_px)
         xy_px, magnitude = xy_px[near], magnitude[near]
         magnitude = magnitude + self._random.normal(0, noise, len(magnitude))
+        noise_px = np.full((len(xy_px), 1), self._noise_px * blur)
+        if ends_px:
+            start_px, end_px = (end[near] for end in ends_px)
+            peak = _peak_of_trail(end_px - start_px, self._scenario.optics.psf_sigma_px * blur)
+            magnitude, noise_px = magnitude - 2.5 * np.log10(peak), noise_px / peak[:, None]
         xy_px = xy_px + self._random.normal(0, noise_px, xy_px.shape)
         seen = magnitude < limit
         if self._scenario.detector.missing:
@@ -114,6 +124,12 @@ class PanoramaSource:
         brightest_of_row = np.sort(first)[:MAX_OBJECTS]
         index = np.clip(np.rint(index[order]), 1, self._photometry.index_max)
         return Exposure(xy_px[brightest_of_row], index[brightest_of_row], frozenset())
+
+
+def _peak_of_trail(trails_px: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:
+    """The peaks (N,) of Gaussians that are drawn out along trails (N, 2), in those of a star at rest."""
+    half = np.maximum(np.hypot(*trails_px.T), 1e-6) / (2 * math.sqrt(2) * sigma_px)
+    return np.array([math.sqrt(math.pi) / 2 * math.erf(one) / one for one in half.tolist()])
 
 
 def _hot_pixels(

@@ -1,6 +1,6 @@
 """Scenario of a simulation: sky, optics and firmware, from a YAML file."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from drivers.host_files import only_a_file
 from gse.config.station import BUILT_IN_TEXT, Station
-from gse.errors import ConfigError
+from gse.errors import ConfigError, UsageError
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.shown import Shown
 from protocols.yaml_text import load_document
@@ -28,8 +28,11 @@ _Profile = tuple[tuple[float, float], ...]
 """(seconds since the start, value), linear between, held outside."""
 
 
-_Rate = Annotated[float, Field(ge=-10, le=10)]
-"""deg/s: what star sensors bear, and more."""
+MOST_RATE_DEG_PER_S = 10.0
+"""What star sensors bear, and more."""
+_Rate = Annotated[float, Field(ge=-MOST_RATE_DEG_PER_S, le=MOST_RATE_DEG_PER_S)]
+RATE_FOR_S = 60.0
+"""A rate of a table is shown for so long: 300 frames show a share of false answers of 1 %, at 5 Hz."""
 MOST_STEPS = 10_000
 """Attitudes of a scene."""
 
@@ -285,6 +288,24 @@ class Scenario(_ScenarioSection):
         for step in self.scene.steps:
             yield Shown(start_ns, step.ra_deg, step.de_deg, step.roll_deg, step.turn_deg_per_s, within_ms)
             start_ns += round(step.for_s * NS_PER_S)
+
+    def at_rates(self, rates_deg_per_s: Sequence[float], station: Station) -> Self:
+        """The scenario with a scene that turns at one rate after the other, each for as long.
+
+        Each begins at the direction of the station file and turns about the sensor's y: the stars run along its rows.
+        UsageError without a direction, or where a rate is too high.
+        """
+        still = station.mount.inertial
+        if still is None:
+            raise UsageError("--rates turn the stars before a screen, and the station file has no mount.inertial")
+        if not rates_deg_per_s or not all(0 <= rate <= MOST_RATE_DEG_PER_S for rate in rates_deg_per_s):
+            raise UsageError(f"expected rates from 0 to {MOST_RATE_DEG_PER_S:g} deg/s, for example 0,0.1,0.5deg/s")
+        at = SceneStep(ra_deg=still.ra_deg, de_deg=still.de_deg, roll_deg=still.roll_deg)
+        steps = tuple(
+            at.model_copy(update={"turn_deg_per_s": (0.0, rate, 0.0), "for_s": RATE_FOR_S}) for rate in rates_deg_per_s
+        )
+        scene = self.scene.model_copy(update={"steps": steps})
+        return self.model_copy(update={"scene": scene, "seconds": scene.seconds})
 
     def station_for(self, station: Station) -> Station:
         """The station file that fits this scenario."""

@@ -217,6 +217,10 @@ class SimulatedScene:
         air = self._scenario.air
         return sky_magnitude(directions_horizon, self.bodies(utc_ns), utc_ns, air.dark_magnitude, sunlight=air.sunlight)
 
+    def turns(self, utc_ns: int) -> bool:
+        """Whether stars move over the detector by more than the sky turns."""
+        return False
+
     def blur(self, utc_ns: int) -> float:
         """By how many times wider than in focus the image of a star is."""
         return profile_at(self._scenario.optics.defocus, self.since_start_s(utc_ns))
@@ -306,6 +310,11 @@ class ShownScene(SimulatedScene):
     def moon(self, utc_ns: int) -> Moon | None:
         """None is shown."""
         return None
+
+    def turns(self, utc_ns: int) -> bool:
+        """Whether the scene turns."""
+        steps = self._scenario.scene.steps
+        return bool(steps) and any(steps[step_at(self._scenario, utc_ns)[0]].turn_deg_per_s)
 
     def _points_at(self, utc_ns: int, faintest_magnitude: float) -> SkyCell:
         """The stars near the boresight; in ICRS they stand still, and the sensor turns."""

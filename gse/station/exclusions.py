@@ -49,6 +49,7 @@ class Cause(StrEnum):
     NO_OBJECTS = "no objects"
     SCENE_CHANGE = "scene change"
     SCREEN_LOST = "screen lost"
+    FASTER = "faster than asked"
     OPERATOR = "operator"
     MOUNT = "mount"
     """It was touched: nobody knows where it looked."""
@@ -179,13 +180,22 @@ def scene_changes(sky: ShownSky, frames: Columns) -> Iterator[Exclusion]:
     half_ns = round(float(frames["exposure_s"].max()) / 2 * NS_PER_S)
     for before, after in pairwise(sky.shown):
         around_ns = half_ns + round(after.within_ms * 1e6)
-        reason = f"the scene changed from RA {before.ra_deg:.2f} DE {before.de_deg:.2f} deg"
         yield Exclusion(
             max(after.from_ns - around_ns, 0),
             min(after.from_ns + around_ns, LAST_NS),
-            f"{reason} to RA {after.ra_deg:.2f} DE {after.de_deg:.2f} deg",
+            f"the scene changed from {before} to {after}",
             Cause.SCENE_CHANGE,
         )
+
+
+def faster_than(sky: ShownSky, limit_deg_per_s: float | None) -> Iterator[Exclusion]:
+    """Stretches in which the scene turned faster than the sensor must bear; none where nothing is asked."""
+    if limit_deg_per_s is None:
+        return
+    for shown, until_ns in zip(sky.shown, [*(item.from_ns for item in sky.shown[1:]), LAST_NS], strict=False):
+        if shown.rate_deg_per_s > limit_deg_per_s:
+            reason = f"the scene turned at {shown.rate_deg_per_s:.4g} deg/s, limits.slew_deg_per_s is"
+            yield Exclusion(shown.from_ns, until_ns, f"{reason} {limit_deg_per_s:g}", Cause.FASTER)
 
 
 def screen_lost(events: Iterable[LinkEvent]) -> Iterator[Exclusion]:

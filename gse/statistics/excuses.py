@@ -26,6 +26,7 @@ from gse.station.exclusions import (
     Cause,
     Exclusion,
     exclusions,
+    faster_than,
     link_losses,
     mount_touched,
     scene_changes,
@@ -414,7 +415,12 @@ def _without_sky(session: SessionData) -> Iterable[Exclusion]:
 
 
 def _between_scenes(session: SessionData) -> Iterable[Exclusion]:
-    return (*scene_changes(session.shown, session.frames.columns), *screen_lost(session.events))
+    shown = session.shown
+    return (
+        *scene_changes(shown, session.frames.columns),
+        *screen_lost(session.events),
+        *faster_than(shown, session.station.limits.slew_deg_per_s),
+    )
 
 
 def _stated(session: SessionData) -> Iterable[Exclusion]:
@@ -497,6 +503,7 @@ LEFT_OUT = (
     LeftOut(Cause.NO_OBJECTS, _without_sky, _ABSENCE, "its panoramas are empty: a cap, a cover, an overcast sky"),
     LeftOut(Cause.SCENE_CHANGE, _between_scenes, _ANY, "it was exposed while the screen changed its scene"),
     LeftOut(Cause.SCREEN_LOST, _between_scenes, _ANY, "the page was closed, hidden, or of another size"),
+    LeftOut(Cause.FASTER, _between_scenes, _ANY, "the scene turned faster than `limits.slew_deg_per_s` asks"),
     LeftOut(Cause.OPERATOR, _stated, _ABSENCE, "left out by the operator, who says why"),
     LeftOut(Cause.MOUNT, _touched, _ANY, "the mount was touched, as the operator says, so that truth is not known"),
 )

@@ -142,7 +142,7 @@ def session_facts(session: SessionData, *, clock_error_s: float, clock_by: str =
         poll_period_s=_poll_period_s(session),
         passing_s=passing_bound_s(session.events),
         screen=station.screen,
-        shown=session.shown,
+        shown=session.shown.only(lambda item: item.rate_deg_per_s <= (station.limits.slew_deg_per_s or math.inf)),
     )
 
 

@@ -29,7 +29,8 @@ class Limits:
     ``boresight_arcsec`` is for the half-cone that holds 95 % of the boresights, and None where nothing is asked of it.
     ``false_arcsec`` is how far a false answer lies off: three times the larger limit on the sky where it is not stated.
     ``x_arcsec`` and ``y_arcsec`` are along the sensor's own columns and rows, ``about_arcsec`` is about its boresight,
-    each for the share ``confidence`` of the frames. These, ``output_rate_hz`` (at least) and ``first_fix_s`` are None
+    each for the share ``confidence`` of the frames. ``slew_deg_per_s`` is the rate of turn that the sensor must bear;
+    frames of a faster scene count for nothing else. These, ``output_rate_hz`` (at least) and ``first_fix_s`` are None
     where nothing is asked.
     """
 
@@ -43,6 +44,7 @@ class Limits:
     confidence: Annotated[float, Interval(ge=0.5, le=0.9999)] = 0.997
     output_rate_hz: Annotated[float, Interval(gt=0, le=10_000)] | None = None
     first_fix_s: Annotated[float, Interval(gt=0, le=86_400)] | None = None
+    slew_deg_per_s: Annotated[float, Interval(gt=0, le=10)] | None = None
     identification_ms: Annotated[float, Interval(gt=0, le=3_600_000)] = 200.0
     availability: Annotated[float, Interval(gt=0, le=1)] = 0.95
     false_arcsec: Arcsec | None = None

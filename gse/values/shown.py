@@ -2,7 +2,9 @@
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +37,15 @@ class Shown:
         if not all(abs(number) <= _MOST for number in numbers):
             raise ValueError(f"{numbers} is no attitude on a screen")
 
+    def __str__(self) -> str:
+        """Where it looks, and how fast it turns."""
+        turns = f" turning at {self.rate_deg_per_s:.3g} deg/s" if self.rate_deg_per_s else ""
+        return f"RA {self.ra_deg:.2f} DE {self.de_deg:.2f} deg{turns}"
+
     @property
     def rate_deg_per_s(self) -> float:
-        """How fast it turns."""
-        return math.hypot(*self.turn_deg_per_s)
+        """How fast it turns; rounded, since a rate about an oblique axis is not exact."""
+        return round(math.hypot(*self.turn_deg_per_s), 6)
 
 
 @dataclass(slots=True)
@@ -55,6 +62,10 @@ class ShownSky:
     def add(self, shown: Shown) -> None:
         """Take what is shown next; one that begins before the one at hand takes its place in time."""
         self.shown.insert(bisect_right([item.from_ns for item in self.shown], shown.from_ns), shown)
+
+    def only(self, is_wanted: Callable[[Shown], bool]) -> Self:
+        """The same sky with some of what was shown."""
+        return replace(self, shown=[item for item in self.shown if is_wanted(item)])
 
     def index_at(self, utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Which of ``shown`` stands on the screen at instants (M,)."""

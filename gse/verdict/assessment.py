@@ -9,8 +9,8 @@ PASS (gse.verdict.obstacles). PASS otherwise, with what was not tested.
 
 import math
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from html import escape
 
 from gse.config.station import Station
@@ -41,7 +41,8 @@ from gse.values.axis import ON_SKY
 from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S, to_text
 from gse.verdict.obstacles import obstacles
-from gse.verdict.requirements import REQUIREMENTS, Case, requirement_of
+from gse.verdict.requirements import REQUIREMENTS, Case, SlewStep, requirement_of
+from gse.verdict.slew import slew_steps
 
 TRUTH_SHARE = 3.0
 """Truth that is worse than this share of a limit is named where a session does not pass."""
@@ -63,6 +64,7 @@ class Assessment:
     ``damaged`` where a part of the session file is missing: what that part showed is unknown. ``growing`` where it is
     still being recorded.
     ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
+    ``slew`` has the steps of each subject before a screen that turned at several rates.
     """
 
     verdict: Verdict
@@ -77,6 +79,7 @@ class Assessment:
     damaged: bool
     health: SensorHealth
     growing: bool = False
+    slew: Mapping[Subject, tuple[SlewStep, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Five lines at most: a notebook shows it after each ``gse.judge``."""
@@ -115,7 +118,8 @@ def judge(session: SessionData) -> Assessment:
     stats = statistics(session)
     budget = _budget(session, stats)
     relative = _is_relative(session.station)
-    rows = _rows(session, stats, budget)
+    slew = slew_steps(session, relative=relative)
+    rows = _rows(session, stats, budget, slew)
     found = _causes(session, stats)
     mistake, kept = lost_station(session), frozenset[tuple[Subject, str]]()
     if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
@@ -159,13 +163,21 @@ def judge(session: SessionData) -> Assessment:
         session.truncated,
         health,
         session.growing,
+        slew,
     )
 
 
-def _rows(session: SessionData, stats: Statistics, budget: TruthUncertaintyBudget) -> tuple[Row, ...]:
+def _rows(
+    session: SessionData,
+    stats: Statistics,
+    budget: TruthUncertaintyBudget,
+    slew: Mapping[Subject, tuple[SlewStep, ...]] | None = None,
+) -> tuple[Row, ...]:
     relative = _is_relative(session.station)
     return tuple(
-        requirement.row(Case(subject, stats, budget, session.station.limits, relative))
+        requirement.row(
+            Case(subject, stats, budget, session.station.limits, relative, (slew or {}).get(subject.subject, ()))
+        )
         for subject in stats.subjects.values()
         for requirement in REQUIREMENTS
         if requirement.is_there(subject, session.station.limits)

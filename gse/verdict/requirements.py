@@ -65,7 +65,8 @@ SLOW_SHARE = 0.01
 class Case:
     """One subject of a session, with all that its rows are made from.
 
-    ``relative`` where the mount was fitted on the same sky.
+    ``relative`` where the mount was fitted on the same sky. ``slew`` are the subject's steps of a scene that turned at
+    several rates.
     """
 
     subject: SubjectStatistics
@@ -73,6 +74,7 @@ class Case:
     budget: TruthUncertaintyBudget
     limits: Limits
     relative: bool
+    slew: tuple["SlewStep", ...] = ()
 
     def truth_standard(self, axes: tuple[Axis, ...]) -> float:
         """The standard uncertainty whose 1.645-fold is the one-sided 95 % bound of truth, whatever its distribution."""
@@ -202,6 +204,58 @@ class ByValue:
 
 
 @dataclass(frozen=True, slots=True)
+class SlewStep:
+    """The frames of a subject while the scene turned at one rate: their statistics, and the core rows of these."""
+
+    rate_deg_per_s: float
+    frames: int
+    subject: SubjectStatistics
+    rows: tuple[Row, ...]
+
+    @property
+    def outcome(self) -> Outcome:
+        """PASS where all of its rows pass; FAIL where one fails."""
+        outcomes = {row.outcome for row in self.rows}
+        if Outcome.FAIL in outcomes:
+            return Outcome.FAIL
+        return Outcome.PASS if outcomes == {Outcome.PASS} else Outcome.INCONCLUSIVE
+
+
+@dataclass(frozen=True, slots=True)
+class BySlewSteps:
+    """The highest rate up to which every step keeps its limits, which must reach a limit."""
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row of one subject."""
+        kept, bad = math.nan, None
+        for step in case.slew:
+            if step.outcome is not Outcome.PASS:
+                bad = step
+                break
+            kept = step.rate_deg_per_s
+        row = Row(asked.subject, asked.name, kept, asked.unit, asked.limit, Outcome.PASS)
+        if not case.slew:
+            tries = f"no scene turned at several rates; test it with: gse run --rates 0,{asked.limit:g}deg/s"
+            return dataclasses.replace(row, outcome=Outcome.NOT_TESTED, reason=f"{asked.label}: {tries}")
+        if kept >= asked.limit * (1 - RATE_TOLERANCE):
+            return row
+        if bad is not None and bad.rate_deg_per_s <= asked.limit * (1 + RATE_TOLERANCE):
+            why = next(one.reason for one in bad.rows if one.outcome is bad.outcome)
+            reason = f"{asked.label}: at {bad.rate_deg_per_s:g} {asked.unit}, {why}"
+            return dataclasses.replace(row, outcome=bad.outcome, reason=reason)
+        reason = f"{asked.label}: {kept:g} {asked.unit} is shown; add a step at the limit of {asked.limit:g} to --rates"
+        return dataclasses.replace(row, outcome=Outcome.INCONCLUSIVE, reason=reason)
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Not known: each step has its own."""
+        return math.nan
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """Not compared."""
+        return Bounded(math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
 class AxisQuestion:
     """What is expected along one axis, its limit, and the standard uncertainty of truth."""
 
@@ -293,7 +347,7 @@ class Requirement:
     limit: str
     unit: str = ""
     claim: Claim
-    decided: ByBounds | ByShare | BySlowShare | ByValue
+    decided: ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps
     says: str
     applies: Callable[[SubjectStatistics], bool] = lambda _: True
     core: bool = False
@@ -347,6 +401,8 @@ class Requirement:
     @property
     def at_least(self) -> bool:
         """Whether the limit is the lowest value that passes; else it is the highest."""
+        if isinstance(self.decided, BySlewSteps):
+            return True
         return isinstance(self.decided, (ByShare, ByValue)) and self.decided.at_least
 
     @property
@@ -507,6 +563,17 @@ REQUIREMENTS = (
         claim=Claim.ABSENCE,
         decided=ByValue(_slowest_fix_s),
         says="from the first frame of a start of the sensor to its first answer that is not false: the longest of all",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
+    ),
+    Requirement(
+        name="slew rate",
+        limit="slew_deg_per_s",
+        unit="deg/s",
+        claim=Claim.ACCURACY,
+        decided=BySlewSteps(),
+        says="the highest rate of turn up to which errors, availability and false answers keep their limits, at least",
         only_asked=True,
         plan=not_planned,
         compared=not_compared,

@@ -1,6 +1,7 @@
 """A sensor before a screen, rehearsed: what was shown is recorded, is the truth, and replays to the byte."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ from click.testing import CliRunner
 
 from gse.cli import cli
 from gse.config.station import parse_station
-from gse.errors import ConfigError
+from gse.errors import ConfigError, UsageError
 from gse.recording.session_format import SCREEN_TOPIC
 from gse.sessions.replay import replay_session
 from gse.station.exclusions import Cause
+from gse.statistics.decision import Outcome
 from gse.statistics.excuses import left_out
+from gse.verdict.assessment import judge
 
 STATION = """\
 version: 1
@@ -85,12 +88,90 @@ def test_an_exposure_over_a_change_of_scene_is_left_out_by_name(folder):
     assert (before.reason, before.until_ns) == ("nothing was shown yet", session.shown.shown[0].from_ns)
     assert [item.reason for item in changes] == [
         "the scene changed from RA 83.00 DE -2.00 deg to RA 359.90 DE 60.00 deg",
-        "the scene changed from RA 359.90 DE 60.00 deg to RA 10.00 DE 89.90 deg",
+        "the scene changed from RA 359.90 DE 60.00 deg to RA 10.00 DE 89.90 deg turning at 1.02 deg/s",
     ]
     utc_ns = session.frames.columns["utc_ns"]
     over = [int(((utc_ns >= item.from_ns) & (utc_ns < item.until_ns)).sum()) for item in changes]
     assert over == [1, 1]  # 50 ms of exposure each 100 ms, and changes 30 ms after a frame began
     assert np.isfinite(session.frames.columns["ra_true_deg"]).all()
+
+
+@pytest.fixture(scope="module")
+def rates(tmp_path_factory):
+    """The session of a table of rates whose limit is 0.5 deg/s, rehearsed."""
+    out = tmp_path_factory.mktemp("rates")
+    (out / "lab.yaml").write_text(STATION + "limits: {slew_deg_per_s: 0.5}\n")
+    command = ["run", str(out / "lab.yaml"), "--port", "sim://?rate_hz=6", "--rates", "0,0.5,3deg/s", "--no-plots"]
+    ran = CliRunner().invoke(cli, [*command, "--out", str(out / "sessions")])
+    assert ran.exit_code == 0, ran.output
+    (session,) = (out / "sessions").iterdir()
+    return session
+
+
+def test_each_rate_is_judged_by_its_own_frames(rates):
+    report = json.loads((rates / "report.json").read_text())
+    assert [(step["rate_deg_per_s"], step["outcome"]) for step in report["slew"]] == [
+        (0.0, "PASS"),
+        (0.5, "PASS"),
+        (3.0, "FAIL"),
+    ]
+    still, half, fast = report["slew"]
+    assert still["available"] == half["available"] == 1
+    assert fast["available"] < 0.5
+    assert still["noise_cross_x_arcsec"] < half["noise_cross_x_arcsec"] < fast["noise_cross_x_arcsec"]
+
+
+def test_the_highest_rate_that_keeps_its_limits_is_a_row_and_faster_frames_count_for_nothing_else(rates):
+    report = json.loads((rates / "report.json").read_text())
+    (row,) = [row for row in report["measurements"] if row["name"] == "slew rate"]
+    assert (row["value"], row["limit"], row["outcome"]) == (0.5, 0.5, "PASS")
+    assert report["verdict"] == "PASS"
+    (faster,) = [one for one in report["exclusions"] if one["cause"] == "faster than asked"]
+    assert faster["reason"] == "the scene turned at 3 deg/s, limits.slew_deg_per_s is 0.5"
+    assert faster["frames"] == 360
+
+
+@pytest.mark.parametrize(
+    ("limit", "outcome", "words"),
+    [
+        (2.0, Outcome.INCONCLUSIVE, "0.5 deg/s is shown; add a step at the limit of 2 to --rates"),
+        (3.0, Outcome.FAIL, "at 3 deg/s, onboard availability:"),
+    ],
+)
+def test_a_limit_above_the_highest_rate_that_keeps_is_not_reached(rates, limit, outcome, words):
+    session = replay_session(rates).session
+    limits = replace(session.station.limits, slew_deg_per_s=limit)
+    session.station = session.station.model_copy(update={"limits": limits})
+    (row,) = [row for row in judge(session).rows if row.name == "slew rate"]
+    assert row.outcome is outcome
+    assert words in row.reason
+
+
+def test_a_limit_of_the_rate_without_a_scene_that_turns_is_named_as_not_tested(folder):
+    session = replay_session(folder).session
+    limits = replace(session.station.limits, slew_deg_per_s=0.5)
+    session.station = session.station.model_copy(update={"limits": limits})
+    session.shown = session.shown.only(lambda item: item.rate_deg_per_s == 0)
+    (line,) = {line for line in judge(session).not_tested if line.startswith("onboard slew rate")}
+    assert "gse run --rates 0,0.5deg/s" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("0,fast", "expected rates from 0 to 10 deg/s"), ("0,20deg/s", "expected rates from 0 to 10 deg/s")],
+)
+def test_rates_that_are_none_are_refused_with_an_example(tmp_path, text, words):
+    (tmp_path / "lab.yaml").write_text(STATION)
+    command = ["run", str(tmp_path / "lab.yaml"), "--port", "sim://", "--rates", text, "--out", str(tmp_path)]
+    refused = CliRunner().invoke(cli, command).exception
+    assert isinstance(refused, UsageError)
+    assert words in str(refused)
+
+
+def test_rates_need_a_sky_that_can_turn(tmp_path):
+    refused = CliRunner().invoke(cli, ["run", "--rates", "0,1deg/s", "--out", str(tmp_path)]).exception
+    assert isinstance(refused, UsageError)
+    assert "the station file has no mount.inertial" in str(refused)
 
 
 @pytest.mark.parametrize(

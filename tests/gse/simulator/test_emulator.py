@@ -44,7 +44,7 @@ BAUDRATE = 921600
 
 @pytest.fixture(scope="module")
 def detector() -> Detector:
-    scenario = scenario_of(OPTIONS)
+    scenario = scenario_of(OPTIONS, STATION)
     made = detector_of(STATION, scenario, OPTIONS)
     made.expose(scenario.start_utc_ns, 0.05, 20.0)
     return made
@@ -53,7 +53,7 @@ def detector() -> Detector:
 @contextlib.contextmanager
 def emulated(endpoint: Endpoint, detector: Detector, standby: str = "no") -> Iterator[str]:
     """A sensor at work on an endpoint; gives the address to open."""
-    scenario = scenario_of(OPTIONS)
+    scenario = scenario_of(OPTIONS, STATION)
     offset_ns = scenario.start_utc_ns - read_clock().utc_ns
     firmware = firmware_of(STATION, scenario, OPTIONS | {"standby": standby}, detector, scenario.start_utc_ns)
     stopped = threading.Event()
@@ -111,7 +111,7 @@ def test_commands_are_obeyed_as_the_interface_says(make: Callable[[], Endpoint],
 
 def sent(station: Station, *, is_test: bool) -> list[Frame]:
     """The frames of the first exposures."""
-    scenario = scenario_of(OPTIONS)
+    scenario = scenario_of(OPTIONS, STATION)
     made = detector_of(station, scenario, OPTIONS)
     firmware = firmware_of(station, scenario, OPTIONS, made, scenario.start_utc_ns, is_test=is_test)
     decoder = FrameDecoder(load_protocol(station.protocol))
