@@ -16,6 +16,7 @@ _CLAIMS = {
     Claim.ABSENCE: "availability",
     Claim.FALSEHOOD: "false answers",
     Claim.SLOWNESS: "time",
+    Claim.CURRENT: "current",
 }
 BEGIN, END = "<!-- made by docs/make_requirements.py -->\n", "<!-- end -->\n"
 

@@ -112,6 +112,7 @@ _SOURCE_KEYS = (
     "screen",
     "test",
     "alarms",
+    "power",
 )
 
 
@@ -273,6 +274,34 @@ class Alarms(_Section):
 _AFTER = re.compile(r"(\d+(?:\.\d+)?) ?(s|m)?")
 
 
+class Power(_Section):
+    """The switch of the sensor's supply: programs with their arguments, never a shell."""
+
+    on: Annotated[tuple[Text, ...], Field(min_length=1, max_length=_MOST)]
+    off: Annotated[tuple[Text, ...], Field(min_length=1, max_length=_MOST)]
+    read: Annotated[tuple[Text, ...], Field(max_length=_MOST)] = ()
+    """Prints amperes, or volts and amperes."""
+    settle_s: Annotated[float, Field(ge=0, le=600)] = 1.0
+    """After it is switched on; the current is read as often as it can be in this time."""
+    period_s: Annotated[float, Field(ge=0.1, le=3600)] = 1.0
+    timeout_s: Annotated[float, Field(ge=0.1, le=600)] = 10.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_written(cls, value: Any) -> Any:
+        """YAML 1.1 reads the keys ``on`` and ``off`` as true and false."""
+        if not isinstance(value, dict):
+            return value
+        return {"on" if key is True else "off" if key is False else key: item for key, item in value.items()}
+
+    @field_validator("on", "off", "read", mode="before")
+    @classmethod
+    def _no_shell(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            raise ValueError(f"expected a list of a program and its arguments, such as [relay, 1]: {value!r:.60}")
+        return value
+
+
 class Station(_Section):
     """A whole station file."""
 
@@ -290,6 +319,7 @@ class Station(_Section):
     """A monitor that shows the stars; ``mount.inertial`` is what it shows unless a scene says otherwise."""
     test: DocumentedTest = DocumentedTest()
     alarms: Alarms = Alarms()
+    power: Power | None = None
 
     @field_validator("protocol")
     @classmethod

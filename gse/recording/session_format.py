@@ -13,6 +13,7 @@ from drivers.outside_text import plain_line
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import CLOCK, Attachment, Damage, RecordedMessage
 from gse.values.instant import LAST_NS
+from gse.values.power import PowerReading
 from gse.values.shown import Shown
 
 # Kinds of events of the recorder.
@@ -46,6 +47,10 @@ ANSWER_TOPIC = "/gse/answer"
 LOG_TOPIC = "/gse/identifier/stderr"
 SCREEN_TOPIC = "/screen"
 """What a screen before the sensor showed from which instant on."""
+POWER_TOPIC = "/power"
+"""Voltage and current of the sensor's supply, as the operator's switch reads them."""
+MOST_READINGS = 100_000
+"""Readings of the supply that are kept: one a second for a day."""
 MOST_SHOWN = 100_000
 """Attitudes of a screen that are read: one a second for a day."""
 MOST_KINDS = 100
@@ -93,13 +98,14 @@ class Recorded:
     clock: list[ClockReading] = field(default_factory=list)
     timings: RecordedTimings = field(default_factory=RecordedTimings)
     shown: list[Shown] = field(default_factory=list)
+    power: list[PowerReading] = field(default_factory=list)
     damaged: bool = False
 
 
 def read_recorded(path: Path) -> Recorded:
     """Read the content besides bytes and events; CaptureError where the file is missing or is not a session."""
     recorded = Recorded()
-    capture = read_capture(path, only=(CLOCK, TIMING_TOPIC, SCREEN_TOPIC))
+    capture = read_capture(path, only=(CLOCK, TIMING_TOPIC, SCREEN_TOPIC, POWER_TOPIC))
     for record in capture:
         if isinstance(record, Damage):
             recorded.damaged = True
@@ -113,6 +119,10 @@ def read_recorded(path: Path) -> Recorded:
             _add_timing(recorded.timings, record)
         elif isinstance(record, RecordedMessage) and record.topic == SCREEN_TOPIC and len(recorded.shown) < MOST_SHOWN:
             recorded.shown += _shown(record)
+        elif (
+            isinstance(record, RecordedMessage) and record.topic == POWER_TOPIC and len(recorded.power) < MOST_READINGS
+        ):
+            recorded.power += _power(record)
     recorded.damaged |= capture.truncated
     return recorded
 
@@ -147,6 +157,21 @@ def clock_json(reading: ClockReading) -> bytes:
 def shown_json(shown: Shown) -> bytes:
     """The message of /screen for what is shown from an instant on."""
     return json.dumps(asdict(shown)).encode()
+
+
+def power_json(reading: PowerReading) -> bytes:
+    """The message of /power for one reading."""
+    volts = None if math.isnan(reading.volts) else reading.volts
+    return json.dumps({"utc_ns": reading.utc_ns, "amperes": reading.amperes, "volts": volts}).encode()
+
+
+def _power(message: RecordedMessage) -> list[PowerReading]:
+    try:
+        document = json.loads(message.data)
+        volts = math.nan if document["volts"] is None else _finite(document["volts"])
+        return [PowerReading(_instant_ns(document["utc_ns"]), _finite(document["amperes"]), volts)]
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return []
 
 
 def _shown(message: RecordedMessage) -> list[Shown]:

@@ -22,18 +22,22 @@ from drivers.session_file.records import CLOCK
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.external.recorded import recorded_json
+from gse.procedure.power import PowerSwitch
 from gse.recording.recorder import CLOSE_S, Recorder
 from gse.recording.session_format import (
     ANSWER_TOPIC,
     EARTH_ORIENTATION,
     IDENTIFIER,
     LOG_TOPIC,
+    MOST_READINGS,
+    POWER_TOPIC,
     PROTOCOL,
     SCREEN_TOPIC,
     STATED,
     STATION,
     TIMING_TOPIC,
     clock_json,
+    power_json,
     shown_json,
     timing_json,
 )
@@ -49,6 +53,7 @@ from gse.station.setup import addressed, check_external, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
+from gse.values.power import PowerReading
 from gse.values.shown import Shown
 from gse.view.live_state import LiveState
 from protocols import load_protocol
@@ -267,13 +272,14 @@ def run_live(
             setup = set_up(station, station_text, utc_ns=began_ns, tell=operator.tell)
             loop = StationLoop(setup, given_orientation=given_orientation)
         asking = asking_of(station.sensor, link, loop.setup.protocol)
-        derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s, asking)
+        power = PowerSwitch(station.power) if station.power is not None and link.is_live else None
+        derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s, asking, power)
         loop.session.clock_error_s = clock_error_s
         loop.listeners = make_listeners(loop, folder, live)
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
         leave = operator.ending.leaves_the_rest
-        with asking or nullcontext():
+        with asking or nullcontext(), power or nullcontext():
             wait_s = asking.wait_s if asking else lambda: RECEIVE_TIMEOUT_S
             session = loop.run(
                 link, first, stop=derived_data.is_over, leave=leave, each=derived_data.keep, wait_s=wait_s
@@ -305,9 +311,10 @@ class _DerivedDataRecorder:
         operator: Operator,
         duration_s: float | None,
         asking: Asking | None = None,
+        power: PowerSwitch | None = None,
     ) -> None:
         self._loop, self._recorder, self._link, self._operator = loop, recorder, link, operator
-        self._asking = asking
+        self._asking, self._power = asking, power
         self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -348,6 +355,7 @@ class _DerivedDataRecorder:
             self._recorder.event(event)
             self._loop.on_event(event)
         self.take_screen(self._last_ns)
+        self.take_power()
         if self._link.is_live or self._last_ns:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
@@ -368,6 +376,15 @@ class _DerivedDataRecorder:
             else:
                 self._event(*news)
 
+    def take_power(self) -> None:
+        """Record what the supply did since the last call."""
+        for at, news in self._power.news() if self._power else ():
+            if not isinstance(news, PowerReading):
+                self._event(*news, at=at)
+            elif len(self._loop.session.power) < MOST_READINGS:
+                self._loop.session.power.append(news)
+                self._recorder.derived(POWER_TOPIC, at.utc_ns, power_json(news))
+
     def _keep_identity(self) -> None:
         """What an external identifier is, and what it wrote to stderr."""
         external = self._loop.setup.external
@@ -379,15 +396,16 @@ class _DerivedDataRecorder:
         if log := external.take_log():
             self._recorder.derived(LOG_TOPIC, self._last_ns, log)
 
-    def _event(self, kind: str, text: str) -> None:
-        """An event of this host, now; in a simulated session at the time of its data."""
+    def _event(self, kind: str, text: str, at: ClockReading | None = None) -> None:
+        """An event of this host, now or ``at`` a reading of its clocks; simulated, at the time of its data."""
         utc_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
-        event = LinkEvent(utc_ns, self._link.mono_ns(), kind, text)
+        event = LinkEvent(at.utc_ns if at else utc_ns, at.mono_ns if at else self._link.mono_ns(), kind, text)
         self._recorder.event(event)
         self._loop.take([event])
 
     def close(self) -> None:
         """Record the end of the session; silence up to this instant counts as part of it."""
+        self.take_power()
         self._keep_identity()
         if self._link.is_live:
             over = "the end of its scene" if self._operator.scene_is_over() else "--duration"

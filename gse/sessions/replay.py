@@ -220,6 +220,7 @@ def _loop(
         loop.on_event(LinkEvent(utc_ns or 0, 0, StationKind.NO_STATION, _NO_STATION))
     for shown in recorded.shown if recorded else ():
         loop.session.shown.add(shown)
+    loop.session.power += recorded.power if recorded else []
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)
     return loop

@@ -24,6 +24,8 @@ def sealed(station: Station) -> Station:
         changes["protocol"] = _SEAL + station.protocol
     if station.identifier.algorithm == "external":
         changes["identifier"] = replace(station.identifier, directory=_SEAL)
+    if station.power is not None:  # a session switches nothing on this host
+        changes["power"] = station.power.model_copy(update={"on": (_SEAL,), "off": (_SEAL,), "read": ()})
     return station.model_copy(update=changes) if changes else station
 
 

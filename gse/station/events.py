@@ -48,6 +48,10 @@ class StationKind(StrEnum):
     SCREEN_LOST = "SCREEN_LOST"
     SCREEN_LATE = "SCREEN_LATE"
     MOUNT_TOUCHED = "MOUNT_TOUCHED"
+    POWER_ON = "POWER_ON"
+    POWER_OFF = "POWER_OFF"
+    POWER_SAID = "POWER_SAID"
+    POWER_FAILED = "POWER_FAILED"
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters, Subject
 from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS
+from gse.values.power import PowerReading
 from gse.values.shown import ShownSky
 from protocols import StatusMessage
 from protocols.description import TimeDescription
@@ -35,7 +36,7 @@ class SessionData:
     ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
     error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
     ``shown`` is what a screen showed, by its events SHOWN.
-    ``time`` says what the sensor's time tags tell.
+    ``time`` says what the sensor's time tags tell. ``power`` are the readings of its supply.
     ``external`` is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
     """
 
@@ -63,6 +64,7 @@ class SessionData:
     excluded: tuple[Exclusion, ...] = ()
     shown: ShownSky = field(default_factory=ShownSky)
     time: TimeDescription = field(default_factory=TimeDescription)
+    power: list[PowerReading] = field(default_factory=list)
     external: dict[str, Any] | None = None
     external_counts: ExternalCounts = field(default_factory=ExternalCounts)
 

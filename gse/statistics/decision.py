@@ -96,6 +96,7 @@ class Claim(StrEnum):
     ABSENCE = "it does not answer"
     FALSEHOOD = "its answers are of other stars"
     SLOWNESS = "its answers take too long"
+    CURRENT = "it draws too much current"
 
 
 class Outcome(StrEnum):

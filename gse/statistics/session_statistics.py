@@ -1,12 +1,13 @@
 """Statistics of a session: those of each subject on trial, and those of its frames and clocks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.station.clock_steps import instants_ns
 from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import thinned, xy_px_of
 from gse.station.own_answers import SensorAnswers, sensor_answers
@@ -21,6 +22,7 @@ from gse.statistics.sensor_convention import ConventionSearch, is_wrong, session
 from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
 from gse.statistics.subject_statistics import NO_EARTH_RATE, SubjectAnswers, SubjectStatistics, subject_statistics
 from gse.values.axis import ALL_AXES
+from gse.values.power import PowerUse, power_use
 
 _MOST_STAR_ERRORS = 20_000
 """Most star errors in the fit, 300 bytes each; of a longer session every second, third, ... frame enters."""
@@ -55,6 +57,7 @@ class Statistics:
     own: SensorAnswers | None = None
     own_counted: CountedFrames | None = None
     convention: ConventionSearch | None = None
+    power: PowerUse = field(default_factory=PowerUse)
 
     @property
     def counts_any(self) -> bool:
@@ -115,7 +118,17 @@ def statistics(session: SessionData) -> Statistics:
         own=own,
         own_counted=counted_own,
         convention=convention,
+        power=_power_use(session),
     )
+
+
+def _power_use(session: SessionData) -> PowerUse:
+    switched = (
+        (event.utc_ns, event.kind == StationKind.POWER_ON)
+        for event in session.events
+        if event.kind in (StationKind.POWER_ON, StationKind.POWER_OFF)
+    )
+    return power_use(session.power, switched, session.station.power.settle_s if session.station.power else 0.0)
 
 
 def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:

@@ -35,6 +35,7 @@ from gse.statistics.subject_statistics import SubjectStatistics, figure_of
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values.axis import CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis
 from gse.values.limits import Limits
+from gse.values.power import PowerUse
 from gse.values.text import percent
 from gse.verdict.compared_axis import ComparedRow as ComparedRow
 from gse.verdict.compared_rows import (
@@ -256,6 +257,25 @@ class BySlewSteps:
 
 
 @dataclass(frozen=True, slots=True)
+class ByCurrent:
+    """A current of the supply, which belongs to the session and not to one of its subjects."""
+
+    current: Callable[[PowerUse], float]
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row, the same below each subject."""
+        return ByValue(lambda _: self.current(case.statistics.power)).row(asked, case)
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Not known: it is decided."""
+        return math.nan
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """Not known of a subject alone."""
+        return Bounded(math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
 class AxisQuestion:
     """What is expected along one axis, its limit, and the standard uncertainty of truth."""
 
@@ -347,7 +367,7 @@ class Requirement:
     limit: str
     unit: str = ""
     claim: Claim
-    decided: ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps
+    decided: ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps | ByCurrent
     says: str
     applies: Callable[[SubjectStatistics], bool] = lambda _: True
     core: bool = False
@@ -574,6 +594,28 @@ REQUIREMENTS = (
         claim=Claim.ACCURACY,
         decided=BySlewSteps(),
         says="the highest rate of turn up to which errors, availability and false answers keep their limits, at least",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
+    ),
+    Requirement(
+        name="mean current",
+        limit="mean_current_a",
+        unit="A",
+        claim=Claim.CURRENT,
+        decided=ByCurrent(lambda use: use.mean_a),
+        says="mean current of the supply while the sensor is on, without `power.settle_s` after it is switched on",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
+    ),
+    Requirement(
+        name="inrush current",
+        limit="inrush_current_a",
+        unit="A",
+        claim=Claim.CURRENT,
+        decided=ByCurrent(lambda use: use.inrush_a),
+        says="greatest current of the supply within `power.settle_s` after it is switched on, as often as it is read",
         only_asked=True,
         plan=not_planned,
         compared=not_compared,

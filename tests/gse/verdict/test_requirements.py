@@ -10,12 +10,16 @@ from pathlib import Path
 import pytest
 from skies.known_nights import STATION, session
 
+from drivers.chunk import LinkEvent
 from gse.report.files import junit_xml
 from gse.report.summary import summarise
 from gse.sessions.forecast import forecast_text
+from gse.station.events import StationKind
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import Outcome
+from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
+from gse.values.power import PowerReading
 from gse.verdict.assessment import judge
 from gse.verdict.requirements import REQUIREMENTS, Case, ExpectedSession, requirement_named, requirement_of
 from gse.verdict.session_comparison import session_comparison
@@ -32,6 +36,8 @@ LIMITS = replace(
     output_rate_hz=1.0,
     first_fix_s=5.0,
     slew_deg_per_s=0.5,
+    mean_current_a=0.5,
+    inrush_current_a=1.0,
 )
 """With a limit for every row."""
 LIMITED = STATION.model_copy(update={"limits": LIMITS})
@@ -40,6 +46,9 @@ LIMITED = STATION.model_copy(update={"limits": LIMITS})
 @pytest.fixture(scope="module")
 def judged():
     made = session(station=LIMITED)
+    begun_ns = int(made.frames.columns["utc_ns"][0])
+    made.events.append(LinkEvent(begun_ns, 0, StationKind.POWER_ON, "relay on"))
+    made.power += [PowerReading(begun_ns, 0.9), PowerReading(begun_ns + 60 * NS_PER_S, 0.4)]
     return made, judge(made)
 
 
@@ -176,7 +185,7 @@ def test_rows_that_only_some_sensors_are_specified_by_leave_no_trace_without_a_l
     report = summarise(made, judge(made))
     text = json.dumps([report["measurements"], report["not_tested"]])
     assert [one.name for one in OPTIONAL if one.name in text] == []
-    assert len(OPTIONAL) == 6
+    assert len(OPTIONAL) == 8
 
 
 def test_a_limit_along_one_axis_of_the_sensor_asks_for_that_row_alone():

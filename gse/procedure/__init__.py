@@ -1,0 +1,1 @@
+"""A test by a procedure: the supply of the sensor."""
