@@ -32,7 +32,7 @@ from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.simulator import device_factory
-from protocols import Frame, FrameDecoder, Start, load_protocol
+from protocols import Command, Frame, FrameDecoder, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from damaged import damaged
@@ -307,7 +307,7 @@ def ports(folder: Path) -> list[Row]:
     received = bytearray()
     sent: list[bytes] = []
     slowest_s = 0.0
-    frames = [PROTOCOL.encode(Start(0.001 * n + 0.001), n) for n in range(2000)]
+    frames = [PROTOCOL.encode(Command("START", {"period": 1000 * (0.001 * n + 0.001)}), n) for n in range(2000)]
     with SerialLink(str(terminal.path), 115200) as link:
         for _ in range(20):
             whole = [frames.pop(0) for _ in range(rng.randrange(5, 40))]

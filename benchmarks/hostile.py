@@ -36,7 +36,7 @@ from gse.values.panorama import Panorama
 from gse.verdict.assessment import judge
 from gse.view.server import MOST_CONNECTIONS, Content, ViewServer
 from gse.view.viewer import ViewerFiles
-from protocols import Ack, Frame, FrameDecoder, PanoramaMessage, Start, load_protocol
+from protocols import Ack, Command, Frame, FrameDecoder, PanoramaMessage, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from devices import float_protocol, own_network
@@ -92,7 +92,7 @@ def _is_taken(folder: Path, answer: Callable[[int], bytes], *, early: bool) -> b
     thread.start()
     text = BUILT_IN_TEXT.replace("sim://", str(terminal.path))
     try:
-        command_sensor(parse_station(text), text, Start(0.1), folder / "out")
+        command_sensor(parse_station(text), text, Command("START", {"period": 100}), folder / "out")
     except CommandError:
         return False
     else:

@@ -27,25 +27,29 @@ def send_command(
     answer_to: Callable[[Mapping[int, int]], Answer | None],
     *,
     first_sequence: int = 0,
+    answer_s: float = ANSWER_S,
+    repeats: int = REPEATS,
+    instead: Callable[[], str] = lambda: "",
 ) -> Answer:
     """The sensor's answer to a command.
 
     ``make_frame`` gives the frame for a sequence number; each repetition takes the next one. ``deliver`` gets
     everything that is received meanwhile. ``answer_to`` returns the answer if it was among it, else None; its argument
     maps each sequence number sent so far to the monotonic time of sending, before which no answer can have come.
-    CommandError without an answer.
+    CommandError without an answer, with what came ``instead`` where anything did.
     """
     sent_ns: dict[int, int] = {}
-    for attempt in range(1 + REPEATS):
+    for attempt in range(1 + repeats):
         sequence = first_sequence + attempt
         sent_ns[sequence] = link.send(make_frame(sequence)).mono_ns
-        answer = receive_until(link, partial(answer_to, sent_ns), deliver, ANSWER_S)
+        answer = receive_until(link, partial(answer_to, sent_ns), deliver, answer_s)
         if answer is not None:
             return answer
-    raise CommandError(
-        f"the sensor on {link.url} did not answer, asked {1 + REPEATS} times and waited {ANSWER_S} s each time; "
-        "check its power, its transmit line, the baud rate and the protocol"
+    asked = (
+        f"asked {1 + repeats} times and waited {answer_s:g} s each time" if repeats else f"asked once, {answer_s:g} s"
     )
+    came = instead() or "check its power, its transmit line, the baud rate and the protocol"
+    raise CommandError(f"the sensor on {link.url} did not answer, {asked}; {came}")
 
 
 def receive_until(

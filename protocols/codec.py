@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from protocols.errors import EncodeError
 from protocols.layout import MessageLayout
-from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage
+from protocols.messages import Command, Message, Other, PanoramaColumns, PanoramaMessage
 from protocols.record import BYTES_3, FieldLayout
 from protocols.vocabulary import Kind
 
@@ -278,14 +278,18 @@ class MessageCodec:
         self._fields = tuple(FieldCodec(field, commands, layout.byte_order) for field in layout.fields)
         self._is_packed = any(field.is_packed for field in self._fields)
         self._checked = tuple((at, field) for at, field in enumerate(self._fields) if field.is_checked)
+        self._by_name = {field.name: field for field in self._fields}
+        self._items = {item.name: FieldCodec(item, {}, layout.byte_order) for item in layout.items}
         time = SplitTime(layout.fields)
         self._split_time = time if len(time.places) > 1 else None
 
     def decode(self, payload: bytes) -> Message:
         """The message of a payload that has this type's length."""
-        if self.layout.form is None:
+        if self.layout.form is None and not self.layout.is_command:
             return Other(self.layout.name, payload)
         values, problems = self._decode_fields(payload)
+        if self.layout.form is None:
+            return Command(self.layout.name, values, problems=tuple(problems))
         return self.layout.form.message(**values, problems=tuple(problems))
 
     def _decode_fields(self, payload: bytes) -> tuple[dict[str, Any], list[str]]:
@@ -310,8 +314,15 @@ class MessageCodec:
         if isinstance(message, Other):
             return message.payload
         payload = bytearray(self.layout.blank)
-        self._encode_fields(payload, [getattr(message, field.attribute) for field in self._fields])
+        self._encode_fields(payload, [self._value(message, field) for field in self._fields])
         return bytes(payload)
+
+    def _value(self, message: Message, field: FieldCodec) -> Value:
+        if not isinstance(message, Command):
+            return getattr(message, field.attribute)
+        if field.name not in message.arguments:
+            raise EncodeError(f"{self.layout.name} needs {field.name}")
+        return message.arguments[field.name]
 
     def _encode_fields(self, payload: bytearray, values: list[Any]) -> None:
         if not self._fields:
@@ -327,6 +338,32 @@ class MessageCodec:
             return
         for field, count in zip(self._fields, counts, strict=True):
             field.put(rows, count)
+
+    def items(self, payloads: Sequence[bytes], names: Sequence[str]) -> NDArray[np.float64]:
+        """These items (N, K) of payloads: numbers in their units; of words and bits the number on the wire.
+
+        A name is that of an item, or of a standard field.
+        """
+        layout, size = self.layout, self.layout.size
+        whole = b"".join([payload[:size].ljust(size, b"\0") for payload in payloads])
+        fields, items = (np.frombuffer(whole, dtype, len(payloads)) for dtype in (layout.dtype, layout.item_dtype))
+        found = np.empty((len(payloads), len(names)))
+        with np.errstate(invalid="ignore", over="ignore"):  # a signalling NaN, say
+            for at, name in enumerate(names):
+                item, rows = (self._items[name], items) if name in self._items else (self._by_name[name], fields)
+                found[:, at] = item.values_of(item.column(rows))
+        found[~(np.abs(found) <= LARGEST_FLOAT)] = np.nan
+        return found
+
+    def with_items(self, payload: bytes, values: Mapping[str, Value]) -> bytes:
+        """The payload with these items, those that are not given as they are; EncodeError if a value does not fit."""
+        changed = bytearray(payload.ljust(self.layout.size, b"\0"))  # objects by count may be fewer
+        rows = np.frombuffer(changed, self.layout.item_dtype, 1)
+        for name, item in self._items.items():
+            if name in values:
+                item.clear(rows)
+                item.put(rows, item.count_of(values[name]))
+        return bytes(changed[: len(payload)])
 
     def retimed(self, payload: bytes, time_us: int) -> bytes:
         """The payload with another time, and all else as it is; EncodeError if the time does not fit."""

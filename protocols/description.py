@@ -4,11 +4,13 @@ What a description means (dtypes, offsets, standard names) is checked by protoco
 reference of the keys.
 """
 
+import functools
+from collections.abc import Mapping
 from datetime import date, datetime
 from fractions import Fraction
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, model_validator
 
 MAX_LENGTH_LIMIT = 65535
 """Payload bytes: what a 16-bit length can say; a decoder holds at most one such frame."""
@@ -91,6 +93,66 @@ class FieldDescription(DescriptionPart):
     note: Note = ""
 
 
+def _in_order(ends: tuple[float | None, float | None]) -> tuple[float | None, float | None]:
+    low, high = ends
+    if low is None and high is None:
+        raise ValueError("both ends are open: give a number for one")
+    if low is not None and high is not None and low > high:
+        raise ValueError(f"the low end {low:.15g} is over the high end {high:.15g}: swap them")
+    return ends
+
+
+Range = Annotated[tuple[float | None, float | None], AfterValidator(_in_order)]
+"""Low and high end in the unit of the item or argument, of which one may be open (null)."""
+
+
+class LimitsDescription(DescriptionPart):
+    """Where an item is as it should be: outside of ``yellow`` it is yellow, outside of ``red`` red."""
+
+    yellow: Range | None = None
+    red: Range | None = None
+
+    @model_validator(mode="after")
+    def _yellow_within_red(self) -> Self:
+        if self.yellow and self.red:
+            (low, high), (lowest, highest) = self.yellow, self.red
+            if (lowest is not None and (low is None or low < lowest)) or (
+                highest is not None and (high is None or high > highest)
+            ):
+                raise ValueError("the limits cross: expected yellow within red")
+        return self
+
+
+class ItemDescription(FieldDescription):
+    """One item of the sensor's housekeeping: a field of any name and unit, with its limits."""
+
+    limits: LimitsDescription | None = None
+
+
+class ArgumentDescription(FieldDescription):
+    """One argument of a command; ``range`` is what it may be, in its unit."""
+
+    range: Range | None = None
+
+
+AnswerValue = float | str | Range
+"""What an item must become: a number, a word, the name of an argument, or [low, high]."""
+
+
+class CommandDescription(DescriptionPart):
+    """A command with its arguments, and the answer that proves it.
+
+    ``answer`` is ACK, the name of another message, `none`, or the values that items take: {item: value}.
+    """
+
+    code: Code | None = None
+    arguments: Annotated[list[ArgumentDescription], Field(max_length=MAX_FIELDS)] = []
+    answer: Name | Annotated[dict[Name, AnswerValue], Field(min_length=1, max_length=16)] | None = None
+    timeout_s: Annotated[float, Field(gt=0, le=3600)] = 0.5
+    repeats: Annotated[int, Field(strict=True, ge=0, le=20)] = 0
+    note: Note = ""
+
+
 class PartsDescription(DescriptionPart):
     """A panorama that comes in several frames: the fields that number the frame, and tell how many there are."""
 
@@ -121,6 +183,7 @@ class MessageDescription(DescriptionPart):
     direction: Literal["from sensor", "to sensor"]
     length: Annotated[int, Field(strict=True, ge=0)] | None = None
     fields: Annotated[list[FieldDescription], Field(max_length=MAX_FIELDS)] = []
+    items: Annotated[list[ItemDescription], Field(max_length=MAX_FIELDS)] = []
     slots: SlotsDescription | None = None
     ignored: bool = False
     note: Note = ""
@@ -225,3 +288,17 @@ class Description(DescriptionPart):
     length_limit: Annotated[int, Field(strict=True, ge=0, le=MAX_LENGTH_LIMIT)] = 1024
     scale: Scale = Fraction(1)
     messages: Annotated[dict[Name, MessageDescription], Field(min_length=1, max_length=MAX_MESSAGES)]
+    commands: Annotated[dict[Name, CommandDescription], Field(max_length=MAX_MESSAGES)] = {}
+
+    @functools.cached_property
+    def every_message(self) -> Mapping[str, MessageDescription]:
+        """The messages, and the commands as messages to the sensor."""
+        commands = {
+            name: MessageDescription(code=command.code, direction="to sensor", fields=list(command.arguments))
+            for name, command in self.commands.items()
+        }
+        return {**self.messages, **commands}
+
+    def fields_path(self, name: str) -> tuple[str, str, str]:
+        """Where the fields of a message stand in the description, for errors: a command's are its arguments."""
+        return ("messages", name, "fields") if name in self.messages else ("commands", name, "arguments")

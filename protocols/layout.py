@@ -25,8 +25,8 @@ from protocols.description import (
 from protocols.frame import BAD_CRC, BAD_LENGTH, NOT_FOR_US, UNKNOWN_TYPE, Reason
 from protocols.messages import AttitudeMessage
 from protocols.reading import DescriptionSource, Path
-from protocols.record import FieldLayout, Placed, bits, check_words, compile_record, order_of, place
-from protocols.vocabulary import FORMS, HEADER_FIELDS, QUATERNION, SPARE, Form, Role
+from protocols.record import FieldLayout, Placed, bits, check_words, compile_record, free_roles, order_of, place
+from protocols.vocabulary import FORMS, HEADER_FIELDS, QUATERNION, SPARE, TIMES_OF_COMMANDS, Form, Role
 
 # The header of a frame: type, flags, length, sequence number and addresses, where the protocol has them.
 
@@ -258,7 +258,8 @@ class SlotsLayout:
 class MessageLayout:
     """One frame type: its code, its payload length (the longest), where its numbers stand.
 
-    ``form`` is None for a message that the station has no use for; ``blank`` is a payload in which nothing is said yet.
+    ``form`` is None for a command, and for a message that has items only, or nothing that the station has a use for;
+    ``item_dtype`` reads its ``items``; ``blank`` is a payload in which nothing is said yet.
     """
 
     name: str
@@ -271,6 +272,9 @@ class MessageLayout:
     fields: tuple[FieldLayout, ...]
     slots: SlotsLayout | None
     blank: bytes
+    items: tuple[FieldLayout, ...]
+    item_dtype: np.dtype[np.void]
+    is_command: bool
 
     def can_have(self, size: int) -> bool:
         """Whether a payload can have so many bytes."""
@@ -487,8 +491,12 @@ def _counted(layout: MessageLayout) -> Counted | None:
 
 def compile_messages(description: Description, source: DescriptionSource) -> dict[str, MessageLayout]:
     """The layout of every message, by name."""
+    for name in description.commands:
+        if name in description.messages:
+            raise source.error("is a message already: expected another name", ("commands", name))
     return {
-        name: _compile_message(name, message, description, source) for name, message in description.messages.items()
+        name: _compile_message(name, message, description, source)
+        for name, message in description.every_message.items()
     }
 
 
@@ -587,8 +595,8 @@ def _check_codes(
     description: Description, layouts: Mapping[str, MessageLayout], header: HeaderLayout, source: DescriptionSource
 ) -> None:
     taken: dict[tuple[bool, int], str] = {}
-    for name, message in description.messages.items():
-        path = ("messages", name)
+    for name, message in description.every_message.items():
+        path = description.fields_path(name)[:2]
         layout = layouts[name]
         key = layout.from_sensor, layout.code
         if key in taken:
@@ -620,46 +628,58 @@ def _code(message: MessageDescription) -> str:
     return f"0x{message.code:02X}" if isinstance(message.code, int) else f"{message.code!r}"
 
 
-def _size(message: MessageDescription, source: DescriptionSource, name: str) -> int:
-    path = ("messages", name)
+def _size(message: MessageDescription, source: DescriptionSource, path: Path) -> int:
     if message.ignored:
-        if message.length is None or message.fields or message.slots:
-            raise source.error("an ignored message has a length instead of fields", path)
+        if message.length is None or message.fields or message.slots or message.items:
+            raise source.error("an ignored message has a length instead of fields", path[:2])
         return message.length
     end = max((p.end for p in _placed(message, source, path)), default=0)
     if message.length is not None and message.length != end:
-        raise source.error(f"is {message.length}, but the fields take {end} bytes", (*path, "length"))
+        raise source.error(f"is {message.length}, but the fields take {end} bytes", (*path[:2], "length"))
     return end
 
 
 def _placed(message: MessageDescription, source: DescriptionSource, path: Path) -> list[Placed]:
-    """Fields and slots in their places; the slots as one block."""
-    return place(message.fields, source, (*path, "fields"), message.slots, (*path, "slots"))
+    """Fields, items and slots in their places; the slots as one block. ``path`` is that of the fields."""
+    slots, items = (*path[:2], "slots"), (*path[:2], "items")
+    return place(message.fields, source, path, message.slots, slots, message.items, items)
 
 
 def _compile_message(
     name: str, message: MessageDescription, description: Description, source: DescriptionSource
 ) -> MessageLayout:
-    path = ("messages", name)
-    form = None if message.ignored else FORMS.get(name)
-    if form is None and not message.ignored:
+    path = description.fields_path(name)
+    is_command = message.direction == "to sensor" and not message.ignored
+    form = None if message.ignored or is_command else FORMS.get(name)
+    if form is None and not (message.ignored or is_command or (message.items and not message.fields)):
         raise source.error(
-            f"unknown message; known are {', '.join(FORMS)}; `ignored: true` describes one that the station skips", path
+            f"unknown message; known are {', '.join(FORMS)}; a message of its own has `items` and no fields; "
+            "`ignored: true` describes one that the station skips",
+            path[:2],
         )
+    if is_command and message.items:
+        raise source.error("the sensor sends items: a command has arguments", (*path[:2], "items"))
     roles = form.roles if form else {}
-    _check_types(message, description, source)
+    if is_command:
+        roles = free_roles(message.fields, source, path, TIMES_OF_COMMANDS.get(name, "").split())
+    _check_types(name, message, description, source)
     placed = _placed(message, source, path)
-    size = _size(message, source, name)
-    fields, dtype = compile_record([p for p in placed if p.field], roles, size, description, source)
+    size = _size(message, source, path)
+    of_fields = [p for p in placed if p.field and p.path[:-1] == path]
+    fields, dtype = compile_record(of_fields, roles, size, description, source)
+    items_path = (*path[:2], "items")
+    of_items = [p for p in placed if p.field and p.path[:-1] == items_path]
+    item_roles = free_roles(message.items, source, items_path)
+    items, item_dtype = compile_record(of_items, item_roles, size, description, source)
     has_time = description.time is None or description.time.scale != "host"
     needed = {name: role for name, role in roles.items() if has_time or name != "time"}
-    _check_required(needed, fields, source, (*path, "fields"))
-    _check_time(fields, source, (*path, "fields"))
+    _check_required(needed, fields, source, path)
+    _check_time(fields, source, path)
     if form and form.message is AttitudeMessage:
-        _check_direction(fields, source, (*path, "fields"))
+        _check_direction(fields, source, path)
     return MessageLayout(
         name=name,
-        code=_number(message, description, source, path),
+        code=_number(message, description, source, path[:2]),
         from_sensor=message.direction == "from sensor",
         byte_order=description.byte_order,
         size=size,
@@ -668,6 +688,9 @@ def _compile_message(
         fields=fields,
         slots=_slots(message, placed, form, description, source) if form else None,
         blank=_blank(placed, size, description),
+        items=items,
+        item_dtype=item_dtype,
+        is_command=is_command,
     )
 
 
@@ -681,15 +704,18 @@ def _number(message: MessageDescription, description: Description, source: Descr
         return 0
     if isinstance(code, str) is not is_line:
         raise source.error(f"is {code!r:.60}: expected {'a word' if is_line else 'a number'}", (*path, "code"))
-    words = list(dict.fromkeys(other.code for other in description.messages.values()))
+    words = list(dict.fromkeys(other.code for other in description.every_message.values()))
     return words.index(code) if isinstance(code, str) else code
 
 
-def _check_types(message: MessageDescription, description: Description, source: DescriptionSource) -> None:
+def _check_types(name: str, message: MessageDescription, description: Description, source: DescriptionSource) -> None:
     """Lines have fields of text, other frames have none."""
     is_line = description.framing.kind == _LINE
-    name = next(name for name, other in description.messages.items() if other is message)
-    groups = [(description.header, ("header",)), (message.fields, ("messages", name, "fields"))]
+    groups: list[tuple[Sequence[FieldDescription], Path]] = [
+        (description.header, ("header",)),
+        (message.fields, description.fields_path(name)),
+        (message.items, ("messages", name, "items")),
+    ]
     if message.slots:
         groups.append((message.slots.fields, ("messages", name, "slots", "fields")))
     for fields, path in groups:

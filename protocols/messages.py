@@ -1,11 +1,11 @@
 """Messages of a star sensor in px, s and degC, independent of the wire format.
 
     sensor to station                        station to sensor
-    PANORAMA    PanoramaMessage              PING          Ping
-    STATUS      StatusMessage                START         Start
-    ATTITUDE    AttitudeMessage              STOP          Stop
-    ACK         Ack                          REQUEST       Request
-    NAK         Nak                          SET_EXPOSURE  SetExposure
+    PANORAMA    PanoramaMessage              any command   Command
+    STATUS      StatusMessage
+    ATTITUDE    AttitudeMessage
+    ACK         Ack
+    NAK         Nak
     any other   Other
 
 A frame with a correct checksum is a valid frame; invalid values in it are listed in ``problems``, one line each. A
@@ -13,7 +13,7 @@ number that the protocol does not carry is NaN or 0, a word is empty.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -158,7 +158,7 @@ class AttitudeMessage(Message):
 class Ack(Message):
     """The sensor obeys the command of this name; ``sequence`` is that of the command's frame."""
 
-    command: str
+    command: str = ""
     sequence: int = 0
 
 
@@ -166,38 +166,21 @@ class Ack(Message):
 class Nak(Message):
     """The sensor refuses the command of this name, and says why."""
 
-    command: str
+    command: str = ""
     reason: str = ""
     sequence: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Ping(Message):
-    """Asks for a STATUS."""
+Value = float | int | str | frozenset[str] | tuple[int, ...]
+"""What an argument or an item may be: a number, a word, the names of the bits that are set, or some integers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start(Message):
-    """Asks for panoramas at this period."""
+class Command(Message):
+    """A command by its name; ``arguments`` are in the units of the protocol's description."""
 
-    period_s: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
-class Stop(Message):
-    """Asks for silence."""
-
-
-@dataclass(frozen=True, slots=True)
-class Request(Message):
-    """Asks for one panorama."""
-
-
-@dataclass(frozen=True, slots=True)
-class SetExposure(Message):
-    """Sets the exposure time."""
-
-    exposure_s: float
+    name: str
+    arguments: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

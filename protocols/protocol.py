@@ -9,16 +9,31 @@ import reprlib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from protocols.codec import MessageCodec, PanoramaCodec
+from protocols.commands import compile_commands
 from protocols.description import Description, TimeDescription
 from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
+from protocols.items import Item, ItemValue, compile_items
 from protocols.layout import Addresses, FrameLayout, MessageLayout, compile_frame, compile_messages, one_way
-from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage, StatusMessage
+from protocols.messages import (
+    Ack,
+    Command,
+    Message,
+    Nak,
+    Other,
+    PanoramaColumns,
+    PanoramaMessage,
+    StatusMessage,
+    Value,
+)
 from protocols.parts import MAX_PARTS, PART
 from protocols.reading import MAX_TEXT, DescriptionSource, read_document, validate
 from protocols.text import TextLayout, compile_text
@@ -43,6 +58,8 @@ class Protocol:
         if description.framing.kind == "class":
             self.frame_layout, self.remark = _of_class(description, self.frame_layout, layouts, source)
         commands = {layout.code: name for name, layout in layouts.items() if not layout.from_sensor}
+        self.items = compile_items(description, layouts, source)
+        self.commands = compile_commands(description, layouts, self.items, source, self)
         self._codecs = {
             name: (PanoramaCodec if layout.slots else MessageCodec)(layout, commands)
             for name, layout in layouts.items()
@@ -52,6 +69,22 @@ class Protocol:
 
     def __repr__(self) -> str:
         return f"<Protocol {self.name}: {', '.join(self._codecs)}>"
+
+    @functools.cached_property
+    def items_by_message(self) -> dict[str, tuple[Item, ...]]:
+        """The items of each message that brings any, in the order of ``item_numbers``."""
+        names = dict.fromkeys(item.message for item in self.items.values())
+        return {name: tuple(item for item in self.items.values() if item.message == name) for name in names}
+
+    @functools.cached_property
+    def acknowledges(self) -> dict[type[Message], frozenset[str]]:
+        """The fields that ACK and NAK have."""
+        found = {Ack: "ACK", Nak: "NAK"}
+        codecs = self._codecs
+        return {
+            of: frozenset(field.name for field in codecs[name].layout.fields) if name in codecs else frozenset()
+            for of, name in found.items()
+        }
 
     @property
     def types(self) -> tuple[str, ...]:
@@ -161,31 +194,44 @@ class Protocol:
             return Other(PART, frame.payload)
         return self._codecs[frame.type].decode(frame.payload)
 
+    def item_numbers(self, type_name: str, payloads: Sequence[bytes]) -> NDArray[np.float64]:
+        """The items (N, K) of messages of one type, in the order of ``items_by_message``; words as their numbers."""
+        return self._codecs[type_name].items(payloads, [item.field for item in self.items_by_message[type_name]])
+
+    def items_of(self, frame: Frame) -> dict[str, ItemValue]:
+        """The items that a frame brings, by name."""
+        items = self.items_by_message.get(frame.type, ())
+        numbers = self.item_numbers(frame.type, [frame.payload])[0].tolist() if items else ()
+        return {item.name: item.value(number) for item, number in zip(items, numbers, strict=True)}
+
     def decode_panoramas(self, frames: Sequence[Frame]) -> PanoramaColumns:
         """The messages of PANORAMA frames, as columns."""
         codec = self._codecs["PANORAMA"]
         assert isinstance(codec, PanoramaCodec)
         return codec.decode_many([frame.payload for frame in frames])
 
-    def encode(self, message: Message, sequence: int, flags: int = 0) -> bytes:
+    def encode(
+        self, message: Message, sequence: int, flags: int = 0, items: Mapping[str, Value] = MappingProxyType({})
+    ) -> bytes:
         """The bytes on the wire that say this message, its sequence number wrapped as the protocol does.
 
-        EncodeError if this protocol cannot say it.
+        With ``items`` those of them that are its own. EncodeError if this protocol cannot say it.
         """
-        name = message.type if isinstance(message, Other) else NAME_OF[type(message)]
+        name = name_of(message)
         if name not in self._codecs:
             raise EncodeError(f"the protocol {self.name} has no {name}: it has {', '.join(self._codecs)}")
         codec = self._codecs[name]
-        if not isinstance(codec, PanoramaCodec):
-            return self.encode_payload(name, codec.encode(message), sequence, flags)
-        payloads, step = codec.encode_parts(message), self.sequence_step
+        payloads = codec.encode_parts(message) if isinstance(codec, PanoramaCodec) else [codec.encode(message)]
+        if items and codec.layout.items:
+            payloads = [codec.with_items(payload, items) for payload in payloads]
+        step = self.sequence_step
         return b"".join(
             [self.encode_payload(name, payload, sequence + at * step, flags) for at, payload in enumerate(payloads)]
         )
 
     def as_sent(self, message: Message) -> Message:
         """The message as it is read at the other end: its values as counts of the wire; EncodeError as for encode."""
-        codec = self._codecs[NAME_OF[type(message)]]
+        codec = self._codecs[name_of(message)]
         return codec.decode(codec.encode(message))
 
     def resent(self, frame: Frame, message: Message, sequence: int, flags: int) -> bytes:
@@ -204,12 +250,19 @@ class Protocol:
     def encode_payload(self, type_name: str, payload: bytes, sequence: int, flags: int = 0) -> bytes:
         """The bytes on the wire of a payload, without a check of its content."""
         layout, frames = self._codecs[type_name].layout, self.frame_layout
-        is_any = isinstance(frames, TextLayout) and layout.form is None
+        is_any = isinstance(frames, TextLayout) and type_name not in frames.messages
         if not is_any and not layout.can_have(len(payload)):
             raise EncodeError(f"{type_name} has {layout.size} bytes of payload, not {len(payload)}")
         if not 0 <= flags <= frames.header.largest_flags:
             raise EncodeError(f"flags cannot be {flags}: the header has room for 0 to {frames.header.largest_flags}")
         return frames.frame(layout, payload, sequence, flags)
+
+
+def name_of(message: Message) -> str:
+    """The name of a message in a description."""
+    if isinstance(message, Other):
+        return message.type
+    return message.name if isinstance(message, Command) else NAME_OF[type(message)]
 
 
 def _of_class(

@@ -9,12 +9,16 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from protocols.description import (
+    ArgumentDescription,
     ChecksumDescription,
+    CommandDescription,
     CoversDescription,
     DelayDescription,
     Description,
     FieldDescription,
     FramingDescription,
+    ItemDescription,
+    LimitsDescription,
     MessageDescription,
     SequenceDescription,
     SlotsDescription,
@@ -127,7 +131,11 @@ _MODEL_OF: dict[str, type[BaseModel]] = {
     "header": FieldDescription,
     "fields": FieldDescription,
     "slots": SlotsDescription,
+    "items": ItemDescription,
+    "limits": LimitsDescription,
     "messages": MessageDescription,
+    "commands": CommandDescription,
+    "arguments": ArgumentDescription,
     "sequence": SequenceDescription,
     "covers": CoversDescription,
     "time": TimeDescription,

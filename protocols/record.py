@@ -1,6 +1,6 @@
 """Compiles the fields of a record: names and units checked, one numpy dtype that reads them all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -10,7 +10,7 @@ import numpy as np
 from protocols.description import MAX_LENGTH_LIMIT, TEXT_TYPES, Description, FieldDescription, SlotsDescription
 from protocols.errors import DescriptionError
 from protocols.reading import DescriptionSource, Path
-from protocols.vocabulary import SPARE, Kind, Role, Unit
+from protocols.vocabulary import SECONDS, SPARE, Kind, Role, Unit, near_unit
 
 # Places fields in a record: each at its offset, none on another.
 
@@ -45,16 +45,19 @@ def place(
     path: Path,
     slots: SlotsDescription | None = None,
     slots_path: Path = (),
+    items: Sequence[FieldDescription] = (),
+    items_path: Path = (),
 ) -> list[Placed]:
-    """The fields in the order of the description, then the slots; DescriptionError where two overlap."""
+    """The fields in the order of the description, then the items and the slots; DescriptionError where two overlap."""
     placed: list[Placed] = []
     end = 0
     taken = 0
-    for number, field in enumerate(fields):
-        _check_mask(field, source, (*path, number))
+    of_fields = [(field, (*path, number)) for number, field in enumerate(fields)]
+    for field, where in of_fields + [(item, (*items_path, number)) for number, item in enumerate(items)]:
+        _check_mask(field, source, where)
         shares = bool(taken) and _is_in_the_word_of(field, placed[-1].field, taken)
         offset = placed[-1].offset if shares else end if field.offset is None else field.offset
-        placed.append(Placed(field, offset, width(field) * (field.array or 1), (*path, number), shares))
+        placed.append(Placed(field, offset, width(field) * (field.array or 1), where, shares))
         taken = (taken if shares else 0) | (field.mask or 0)
         end = placed[-1].end
     if slots is not None:
@@ -192,7 +195,7 @@ def compile_record(
 def _layout(field: FieldDescription, role: Role, description: Description) -> FieldLayout:
     scale = field.scale
     if scale is None:
-        scale = description.scale if "px" in role.units else Fraction(1)
+        scale = description.scale if role.attribute == "xy_px" else Fraction(1)
     unit = role.units[field.unit] if field.unit else Unit()
     shift, many = bits(field)
     is_text = field.type in TEXT_TYPES
@@ -216,6 +219,39 @@ def _layout(field: FieldDescription, role: Role, description: Description) -> Fi
     )
 
 
+def free_roles(
+    fields: Sequence[FieldDescription], source: DescriptionSource, path: Path, times: Collection[str] = ()
+) -> dict[str, Role]:
+    """The roles of items, or of the arguments of a command: any name, any unit, in which their values are.
+
+    Those whose names are among ``times`` must have a unit of time.
+    """
+    roles: dict[str, Role] = {}
+    for number, field in enumerate(fields):
+        if field.name == SPARE:
+            continue
+        if field.name in roles:
+            raise source.error(f"{field.name} is given twice", (*path, number, "name"))
+        if field.unit is not None and (meant := near_unit(field.unit)):
+            raise source.error(f"is {field.unit!r:.60}: did you mean {meant}?", (*path, number, "unit"))
+        roles[field.name] = Role(field.name, _free_kind(field), {field.unit: Unit()} if field.unit else {})
+        if field.name in times and field.unit not in SECONDS:
+            was = f"is {field.unit!r:.60}: " if field.unit is not None else "is missing: "
+            raise source.error(f"{was}expected one of {', '.join(SECONDS)}", (*path, number, "unit"))
+    return roles
+
+
+def _free_kind(field: FieldDescription) -> Kind:
+    if field.bits is not None:
+        return Kind.BITS
+    if field.values is not None:
+        return Kind.WORD
+    if field.array is not None:
+        return Kind.INTEGERS
+    is_counted = field.unit or field.scale is not None or field.zero != 0
+    return Kind.NUMBER if is_counted or field.type in ("f32", "f64", "decimal") else Kind.INTEGER
+
+
 def _check_spare(field: FieldDescription, source: DescriptionSource, path: Path) -> None:
     for key in ("unit", "scale", "min", "max", "bits", "values"):
         if getattr(field, key) is not None:
@@ -229,7 +265,7 @@ def _check_field(field: FieldDescription, role: Role, source: DescriptionSource,
     has_scale = role.kind is Kind.NUMBER or bool(role.units)
     has_bounds = has_scale or role.kind is Kind.INTEGER
     wrong = {
-        "unit": field.unit is not None and not role.units,
+        "unit": field.unit is not None and (not role.units or role.kind in (Kind.WORD, Kind.BITS, Kind.INTEGERS)),
         "scale": field.scale is not None and not has_scale,
         "zero": field.zero != 0 and not has_scale,
         "min": field.min is not None and not has_bounds,

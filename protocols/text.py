@@ -160,7 +160,7 @@ def compile_text(
 ) -> TextLayout:
     """The layout of the lines of a description."""
     base = compile_frame(description, layouts, source)
-    framing, messages = description.framing, description.messages
+    framing, messages = description.framing, description.every_message
     if description.checksum.covers is not None:
         raise source.error("a line's checksum is over all that stands before it", ("checksum", "covers"))
     for number, field in enumerate(description.header):
@@ -191,32 +191,35 @@ def compile_text(
 def _message(
     description: Description, name: str, layout: MessageLayout, words: Mapping[str, int], source: DescriptionSource
 ) -> TextMessage:
-    message, form, path = description.messages[name], layout.form, ("messages", name)
-    assert form is not None
+    message, path = description.every_message[name], description.fields_path(name)
+    kinds = {field.name: field.role.kind for field in layout.fields}
     own: list[TextField] = []
     count_at = None
     for number, field in enumerate(message.fields):
-        where = (*path, "fields", number)
         if field.name == "count" and message.slots and message.slots.count:
             count_at = len(own)
-        own += [_field(field, form.roles, words, source, where)] * (field.array or 1)
+        own += [_field(field, kinds, words, source, (*path, number))] * (field.array or 1)
+    kinds = {item.name: item.role.kind for item in layout.items}
+    for number, item in enumerate(message.items):
+        own += [_field(item, kinds, words, source, (*path[:2], "items", number))] * (item.array or 1)
     slots = message.slots
+    kinds = {field.name: field.role.kind for field in layout.slots.fields} if layout.slots else {}
     slot = [
-        _field(field, form.slot_roles, words, source, (*path, "slots", "fields", number))
+        _field(field, kinds, words, source, (*path[:2], "slots", "fields", number))
         for number, field in enumerate(slots.fields if slots else ())
     ]
     return TextMessage(tuple(own), tuple(slot), layout.slots.repeat if layout.slots else 0, count_at)
 
 
 def _field(
-    field: FieldDescription, roles: Mapping[str, Any], words: Mapping[str, int], source: DescriptionSource, path: Any
+    field: FieldDescription, kinds: Mapping[str, Kind], words: Mapping[str, int], source: DescriptionSource, path: Any
 ) -> TextField:
     for key in ("offset", "mask"):
         if getattr(field, key) is not None:
             raise source.error("a field of a line has none: it stands after the one before it", (*path, key))
     if field.name == SPARE:
         return TextField("8x", lambda word: 0, lambda number: str(field.value or 0))
-    kind = roles[field.name].kind
+    kind = kinds[field.name]
     match field.type:
         case "hex":
             return TextField("q", _hex, lambda number: f"{int(number):X}")

@@ -3,24 +3,14 @@
 docs/protocols.md shows this table to those who describe a sensor of their own.
 """
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from fractions import Fraction
 
-from protocols.messages import (
-    Ack,
-    AttitudeMessage,
-    Message,
-    Nak,
-    PanoramaMessage,
-    Ping,
-    Request,
-    SetExposure,
-    Start,
-    StatusMessage,
-    Stop,
-)
+from protocols.messages import Ack, AttitudeMessage, Message, Nak, PanoramaMessage, StatusMessage
 
 SPARE = "spare"
 """A field that the station has no use for: written as zero, not looked at when read."""
@@ -47,13 +37,13 @@ class Unit:
     zero: Fraction = Fraction(0)
 
 
-_SECONDS = {
+SECONDS = {
     "ns": Unit(Fraction(1, 10**9)),
     "us": Unit(Fraction(1, 10**6)),
     "ms": Unit(Fraction(1, 1000)),
     "s": Unit(),
 }
-_MICROSECONDS = {name: Unit(unit.factor * 10**6) for name, unit in _SECONDS.items()}
+_MICROSECONDS = {name: Unit(unit.factor * 10**6) for name, unit in SECONDS.items()}
 _CELSIUS = {"degC": Unit(), "K": Unit(zero=Fraction("-273.15"))}
 _VOLTS = {"mV": Unit(Fraction(1, 1000)), "V": Unit()}
 _PIXELS = {"px": Unit()}
@@ -65,6 +55,49 @@ _DEGREES = {
     "rad": Unit(Fraction("57.29577951308232")),
 }
 _RIGHT_ASCENSION = {**_DEGREES, "h": Unit(Fraction(15))}
+
+_PER_SECOND = {f"{name}/s": unit for name, unit in _DEGREES.items()}
+_AMPERES = {"uA": Unit(Fraction(1, 10**6)), "mA": Unit(Fraction(1, 1000)), "A": Unit()}
+_WATTS = {"mW": Unit(Fraction(1, 1000)), "W": Unit()}
+_HERTZ = {"Hz": Unit(), "kHz": Unit(Fraction(1000)), "MHz": Unit(Fraction(10**6))}
+_LONG_TIMES = {"min": Unit(Fraction(60)), "h": Unit(Fraction(3600))}
+_FAMILIES: tuple[Mapping[str, Unit], ...] = (
+    {**SECONDS, **_LONG_TIMES}, _CELSIUS, {"uV": Unit(Fraction(1, 10**6)), **_VOLTS}, _AMPERES, _WATTS, _HERTZ,
+    _DEGREES, _PER_SECOND,
+)  # fmt: skip
+"""Units of items, arguments and conditions that are converted into each other; any other word stands for itself."""
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S*)\s*")
+
+
+def quantity(value: float | str, unit: str) -> float:
+    """A number in this unit, of a number, or of a text with a unit such as ``200 ms``; ValueError with what is known.
+
+    A number by itself is in the unit already.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"is {value!r:.60}: expected a number{f' in {unit}' if unit else ''}")
+    found = _QUANTITY.fullmatch(str(value))
+    if found is None or not math.isfinite(number := float(found[1])):
+        raise ValueError(f"is {value!r:.60}: expected a number{f' in {unit}, such as 5 {unit}' if unit else ''}")
+    given = found[2] or unit
+    return number if given == unit else _converted(number, given, unit)
+
+
+def _converted(number: float, given: str, unit: str) -> float:
+    family = next((family for family in _FAMILIES if unit in family), None)
+    if family is None or given not in family:
+        known = ", ".join(family) if family else unit or "none"
+        raise ValueError(f"has the unit {given!r:.20}: known here: {known}")
+    of, to = family[given], family[unit]
+    return float((of.factor * Fraction(str(number)) + of.zero - to.zero) / to.factor)
+
+
+def near_unit(unit: str) -> str | None:
+    """The known unit that was meant by a word which differs from it in case only."""
+    known = [name for family in _FAMILIES for name in family]
+    return next((name for name in known if name.casefold() == unit.casefold()), None) if unit not in known else None
+
 
 QUATERNION = ("q1", "q2", "q3", "q4")
 """The numbers of a quaternion, in the order of the wire."""
@@ -103,8 +136,8 @@ FORMS: Mapping[str, Form] = {
             "time": _TIME,
             **_PARTS_OF_TIME,
             "frame_no": Role("frame_no"),
-            "exposure": Role("exposure_s", Kind.NUMBER, _SECONDS),
-            "processing": Role("processing_s", Kind.NUMBER, _SECONDS),
+            "exposure": Role("exposure_s", Kind.NUMBER, SECONDS),
+            "processing": Role("processing_s", Kind.NUMBER, SECONDS),
             "status": Role("flags", Kind.BITS),
             "temperature": Role("temperature_c", Kind.NUMBER, _CELSIUS),
             "count": Role("count"),
@@ -144,26 +177,24 @@ FORMS: Mapping[str, Form] = {
             "roll": Role("roll_deg", Kind.NUMBER, _DEGREES),
             "matched": Role("matched"),
             "state": Role("state", Kind.WORD),
-            "latency": Role("latency_s", Kind.NUMBER, _SECONDS),
+            "latency": Role("latency_s", Kind.NUMBER, SECONDS),
             **{name: Role(name, Kind.NUMBER) for name in QUATERNION},
         },
     ),
-    "ACK": Form(Ack, {"command": Role("command", Kind.COMMAND, required=True), "sequence": Role("sequence")}),
+    "ACK": Form(Ack, {"command": Role("command", Kind.COMMAND), "sequence": Role("sequence")}),
     "NAK": Form(
         Nak,
         {
-            "command": Role("command", Kind.COMMAND, required=True),
+            "command": Role("command", Kind.COMMAND),
             "reason": Role("reason", Kind.WORD),
             "sequence": Role("sequence"),
         },
     ),
-    "PING": Form(Ping),
-    "START": Form(Start, {"period": Role("period_s", Kind.NUMBER, _SECONDS)}),
-    "STOP": Form(Stop),
-    "REQUEST": Form(Request),
-    "SET_EXPOSURE": Form(SetExposure, {"exposure": Role("exposure_s", Kind.NUMBER, _SECONDS, required=True)}),
 }
-"""Every message that the station understands."""
+"""Every message from the sensor that has a meaning of its own; others have items only, or are ignored."""
+
+TIMES_OF_COMMANDS = {"START": "period", "SET_EXPOSURE": "exposure"}
+"""The argument of a command that the station sends by itself, or that a simulated sensor obeys: a time."""
 
 NAME_OF = {form.message: name for name, form in FORMS.items()}
 """The standard name of a message class."""

@@ -76,7 +76,7 @@ EXAMPLES = {
     "ports": ("gse ports", "gse ports --json"),
     "preflight": ("gse preflight --station roof.yaml", "gse preflight --station roof.yaml --hours 8"),
     "screen": ("gse screen --station lab.yaml", "gse screen --station lab.yaml --scene scenes.yaml"),
-    "sensor": ("gse sensor status --station roof.yaml", "gse sensor exposure 0.2 --station roof.yaml"),
+    "sensor": ("gse sensor send PING --station roof.yaml", "gse sensor send SET_EXPOSURE exposure=200ms"),
     "alarms": ("gse alarms test --station roof.yaml", "gse alarms test -s roof.yaml"),
     "alarms test": ("gse alarms test --station roof.yaml", "gse alarms test -s roof.yaml"),
     "plan": ("gse plan", "gse plan session.mcap"),
@@ -115,6 +115,10 @@ EXAMPLES = {
     "catalog export": (
         "gse catalog export --station roof.yaml --flight flight.csv",
         "gse catalog export --station roof.yaml --list stars.csv",
+    ),
+    "sensor send": (
+        "gse sensor send PING --station roof.yaml",
+        "gse sensor send SET_EXPOSURE exposure=200ms --port /dev/ttyUSB0",
     ),
     "sensor start": (
         "gse sensor start --station roof.yaml",
@@ -171,7 +175,11 @@ ADVANCED: Mapping[str, tuple[str, ...]] = {
         *("--azimuth-deg", "--altitude-deg", "--roll-deg", "--baudrate"),
     ),
     "preflight": ("--earth-orientation", "--out"),
-    **{f"sensor {name}": ("--out", "--session") for name in ("exposure", "request", "start", "status", "stop")},
+    "sensor send": ("--out", "--session"),
+    **{
+        f"sensor {name}": ("--json", "--out", "--session")
+        for name in ("exposure", "request", "start", "status", "stop")
+    },
     "campaign judge": ("--scheduler", "--workers", "--session-limit", "--rehash"),
     "ci": ("--within", "--speed"),
     "catalog info": ("--fewer-than", "--magnitude"),

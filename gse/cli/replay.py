@@ -99,7 +99,7 @@ def command(
             path,
             options=options,
             station=change_to(station_path, identifier, address),
-            make_listeners=lambda loop, folder: live_outputs.listeners(loop, folder, LiveState(loop.session.station)),
+            make_listeners=lambda loop, folder: live_outputs.listeners(loop, folder, LiveState.of(loop.session)),
             tell=say,
         )
         live_outputs.enter_judging()

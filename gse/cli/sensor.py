@@ -1,8 +1,9 @@
 """``gse sensor``: commands to the sensor."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +13,15 @@ from drivers.urlhandlers.protocol_sim import register
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.options import out_option, station_option
 from gse.config.choice import station_of
-from gse.errors import UsageError
-from protocols import Message, Ping, Request, SetExposure, Start, StatusMessage, Stop
+from gse.errors import GseError, UsageError
+from protocols import Ack, AttitudeMessage, Command, ProtocolError, StatusMessage
+from protocols.protocol import name_of
 
 if TYPE_CHECKING:
     from gse.sessions.commanding import Commanded
+    from protocols import CommandLayout
+
+_GIVEN = "gse.sensor.given"
 
 
 @click.group("sensor")
@@ -41,7 +46,83 @@ def _shared(function: Callable[..., None]) -> Callable[..., None]:
     return station_option(port_option(session_option(out_option(json_option(function)))))  # type: ignore[no-any-return]
 
 
-@command.command()
+def _given_pairs(ctx: click.Context, param: click.Parameter, pairs: tuple[str, ...]) -> dict[str, str]:
+    given: dict[str, str] = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals or not name:
+            raise click.BadParameter(
+                f"{pair!r:.60} does not work; expected key=value, such as exposure=200ms", ctx, param
+            )
+        given[name] = value
+    return given
+
+
+class _Send(click.Command):
+    """The command whose help and completion say what the protocol of the station has."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Keep what was given: --help stands before all else."""
+        ctx.meta[_GIVEN] = list(args)
+        return super().parse_args(ctx, args)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands of the station's protocol, or the one that was named, then the examples."""
+        given = ctx.meta.get(_GIVEN, [])
+        commands = _commands(given)
+        shown = {name: of for name, of in commands.items() if name in given} or commands
+        with formatter.section("Commands of the protocol"):
+            formatter.write_dl([(name, _in_words(of)) for name, of in shown.items()] or [("none", "it has none")])
+        super().format_epilog(ctx, formatter)
+
+
+def _commands(given: Sequence[str]) -> "Mapping[str, CommandLayout]":
+    """The commands of the station file among the words of a command line; those of the built-in one without."""
+    from protocols import load_protocol
+
+    flags = ("--station", "-s")
+    after = [word for flag, word in pairwise(given) if flag in flags]
+    after += [word.partition("=")[2] for word in given if word.startswith("--station=")]
+    try:
+        return load_protocol(station_of(Path(after[-1]) if after else None)[0].protocol).commands
+    except (GseError, ProtocolError):
+        return {}
+
+
+def _in_words(layout: "CommandLayout") -> str:
+    arguments = ", ".join(argument.text for argument in layout.arguments)
+    parts = [arguments, layout.note, f"proved by {layout.expected} within {layout.timeout_s:g} s"]
+    return "; ".join(part for part in parts if part)
+
+
+def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Names of commands, then the keys of the one that is named."""
+    station = ctx.params.get("station_path")
+    commands = _commands(["--station", str(station)] if station else [])
+    if param.name == "name":
+        return [name for name in commands if name.startswith(incomplete)]
+    layout = commands.get(str(ctx.params.get("name")))
+    keys = [f"{argument.name}=" for argument in layout.arguments] if layout else []
+    words = [f"{of.name}={word}" for of in layout.arguments for word in of.words.values()] if layout else []
+    return [word for word in keys + words if word.startswith(incomplete)]
+
+
+@command.command(cls=_Send)
+@click.argument("name", metavar="NAME", shell_complete=_complete)
+@click.argument("given", metavar="[KEY=VALUE]...", nargs=-1, callback=_given_pairs, shell_complete=_complete)
+@_shared
+def send(name: str, given: dict[str, str], **options: Any) -> None:
+    """Send the command NAME of the protocol, and await the answer that proves it.
+
+    A VALUE is a number, with a unit (200ms) or in that of the description, or a word.
+    """
+    _send(Command(name, given), **options)
+
+
+# Commands that have short words of their own.
+
+
+@command.command(hidden=True)
 @click.option(
     "--period",
     "period_s",
@@ -53,46 +134,46 @@ def _shared(function: Callable[..., None]) -> Callable[..., None]:
 @_shared
 def start(period_s: float, **options: Any) -> None:
     """START: the sensor sends panoramas."""
-    _send(Start(period_s), **options)
+    _send(Command("START", {"period": f"{period_s} s"}), **options)
 
 
-@command.command()
+@command.command(hidden=True)
 @_shared
 def stop(**options: Any) -> None:
     """STOP: the sensor sends no more panoramas."""
-    _send(Stop(), **options)
+    _send(Command("STOP"), **options)
 
 
-@command.command()
+@command.command(hidden=True)
 @_shared
 def status(**options: Any) -> None:
     """PING: ask for the status of the sensor."""
-    _send(Ping(), **options)
+    _send(Command("PING"), **options)
 
 
-@command.command()
+@command.command(hidden=True)
 @_shared
 def request(**options: Any) -> None:
     """REQUEST: ask for one panorama, and record it."""
-    _send(Request(), **options)
+    _send(Command("REQUEST"), **options)
 
 
-@command.command()
+@command.command(hidden=True)
 @click.argument("exposure_s", metavar="SECONDS", type=click.FloatRange(min=0, min_open=True, max=3600))
 @_shared
 def exposure(exposure_s: float, **options: Any) -> None:
     """SET_EXPOSURE: set the exposure to SECONDS."""
-    _send(SetExposure(exposure_s), **options)
+    _send(Command("SET_EXPOSURE", {"exposure": f"{exposure_s} s"}), **options)
 
 
 def _send(
-    message: Message, *, station_path: Path | None, url: str | None, beside: Path | None, out: Path, as_json: bool
+    message: Command, *, station_path: Path | None, url: str | None, beside: Path | None, out: Path, as_json: bool
 ) -> None:
     done = _beside(message, beside) if beside else _alone(message, station_path, url, out)
     _show(done, as_json=as_json)
 
 
-def _beside(message: Message, path: Path) -> "Commanded":
+def _beside(message: Command, path: Path) -> "Commanded":
     from gse.cli.status import newest_session
     from gse.sessions.commanding import command_beside
     from gse.sessions.status_file import is_running
@@ -105,7 +186,7 @@ def _beside(message: Message, path: Path) -> "Commanded":
     return command_beside(folder, message)
 
 
-def _alone(message: Message, station_path: Path | None, url: str | None, out: Path) -> "Commanded":
+def _alone(message: Command, station_path: Path | None, url: str | None, out: Path) -> "Commanded":
     from gse.sessions.commanding import command_sensor
     from gse.simulator import device_factory
 
@@ -119,17 +200,20 @@ def _alone(message: Message, station_path: Path | None, url: str | None, out: Pa
 
 
 def _show(done: "Commanded", *, as_json: bool) -> None:
-    answer = {name: value for name, value in asdict(done.answer).items() if name != "problems"}
+    answer = done.answer
+    fields = {}
+    if isinstance(answer.message, Ack | AttitudeMessage | StatusMessage):
+        fields = {name: value for name, value in asdict(answer.message).items() if name != "problems"}
     if as_json:
-        kind = "STATUS" if isinstance(done.answer, StatusMessage) else "ACK"
-        document = {"schema": "gse.sensor/1", "answer": kind, **answer, "session": str(done.session)}
-        click.echo(json.dumps(document, default=str))
-    elif isinstance(done.answer, StatusMessage):
-        for name, value in answer.items():
+        document = {"schema": "gse.sensor/1", "answer": name_of(answer.message), **fields, "items": answer.items}
+        click.echo(json.dumps({**document, "session": str(done.session)}, default=str))
+    elif answer.items:
+        own = {name: value for name, value in answer.items.items() if name not in fields}
+        for name, value in {**fields, **own}.items():
             click.echo(f"{name:<14} {'.'.join(map(str, value)) if isinstance(value, tuple) else value}")
     else:
-        click.echo(f"the sensor accepted {done.answer.command}")
-    for problem in done.answer.problems:
+        click.echo(answer.text)
+    for problem in answer.message.problems:
         click.echo(f"gse: {problem}", err=True)
     click.echo(f"recorded in {done.session}", err=True)
     if done.lost_bytes or done.damage:

@@ -16,8 +16,9 @@ from typing import Self
 from drivers.errors import PortError
 from drivers.link import SerialLink
 from gse.config.station import PollOptions, Sensor, StartOptions
+from gse.station.polling import STOP, asking_command
 from gse.values.instant import NS_PER_S
-from protocols import NAME_OF, Message, Protocol, Request, Start, Stop
+from protocols import Command, Protocol
 
 AGAIN_NS = 2 * NS_PER_S
 """START is repeated after this silence at the earliest; a sensor takes seconds to boot."""
@@ -32,7 +33,7 @@ class Asking:
         self._link, self._protocol, self._options = link, protocol, options
         self._sequence = 0
         self._is_start = isinstance(options, StartOptions)
-        self._command: Message = Start(options.period_ms / 1000) if isinstance(options, StartOptions) else Request()
+        self._command = asking_command(protocol, options)
         self._lock = threading.Condition()
         self._is_over = False
         self._next_ns = 0
@@ -81,8 +82,8 @@ class Asking:
             self._lock.notify()
         if self._thread is not None:
             self._thread.join()
-        if self._is_start and NAME_OF[Stop] in self._protocol.types:
-            self._send(Stop())
+        if self._is_start and STOP in self._protocol.commands:
+            self._send(Command(STOP))
 
     @property
     def _period_ns(self) -> int | None:
@@ -117,7 +118,7 @@ class Asking:
                 self._next_ns = self._after(self._next_ns)
             self._send(self._command)
 
-    def _send(self, command: Message) -> None:
+    def _send(self, command: Command) -> None:
         """A port that is gone is asked again when it is back."""
         data = self._protocol.encode(command, self._sequence)
         self._sequence = (self._sequence + self._protocol.sequence_step) % (self._protocol.sequence_modulus or 1)

@@ -275,6 +275,7 @@ def run_live(
         power = PowerSwitch(station.power) if station.power is not None and link.is_live else None
         derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s, asking, power)
         loop.session.clock_error_s = clock_error_s
+        live.housekeeping = loop.session.housekeeping
         loop.listeners = make_listeners(loop, folder, live)
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
@@ -287,6 +288,7 @@ def run_live(
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
+        session.housekeeping.use_disk()
         session.frames.use_disk()  # nothing is received any more, and judging takes memory
     for event in recorder.news():
         loop.on_event(event)

@@ -121,6 +121,7 @@ def replay_session(
         if threads > 1 and options.speed == "max" and loop.setup.external is None:
             loop.ahead = ahead
         loop.session.frames.use_disk()
+        loop.session.housekeeping.use_disk()
         loop.listeners = make_listeners(loop, None)
         session = loop.run(link, first, stop=stop, each=each)
     if recorded is None and session.link.bytes_in == session.link.bytes_discarded:

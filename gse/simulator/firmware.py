@@ -21,9 +21,9 @@ from gse.simulator.scenario import profile_at
 from gse.values.instant import NS_PER_S
 from gse.values.sensor_time import tag_us_of, to_middle_us
 from protocols import (
-    NAME_OF,
     Ack,
     AttitudeMessage,
+    Command,
     Discard,
     EncodeError,
     Frame,
@@ -31,15 +31,12 @@ from protocols import (
     Message,
     Nak,
     PanoramaMessage,
-    Ping,
     Protocol,
-    Request,
-    SetExposure,
-    Start,
     StatusMessage,
-    Stop,
 )
 from protocols.description import TimeDescription
+from protocols.protocol import name_of
+from protocols.vocabulary import quantity
 
 BITS_PER_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
@@ -237,38 +234,42 @@ class SensorFirmware:
 
     def _obey(self, frame: Frame, utc_ns: int) -> Iterator[Message]:
         command = self._protocol.decode(frame)
-        if not isinstance(command, Ping | Start | Stop | Request | SetExposure):
+        if not isinstance(command, Command):
             yield self._refuse(frame.type, "unknown", frame.sequence)
             return
-        if not self._is_in_range(command):
+        asked_s = self._asked_s(command)
+        if not self._is_in_range(command, asked_s):
             yield self._refuse(frame.type, "out of range", frame.sequence)
             return
         self._commands_ok = (self._commands_ok + 1) % _COUNTERS_WRAP_AT
-        match command:
-            case Ping():
+        match command.name:
+            case "PING":
                 yield self._status(utc_ns, self._temperature_c(utc_ns))
                 return
-            case Start():
-                self._period_s = self._period_of(command)
+            case "START":
+                self._period_s = asked_s
                 self._next_start_ns = max(utc_ns, self._next_start_ns or 0)
-            case Stop():
+            case "STOP":
                 self._period_s = self._next_start_ns = None
-            case Request():
+            case "REQUEST":
                 self._next_start_ns = self._next_start_ns or utc_ns
-            case SetExposure():
-                self._exposure_s = command.exposure_s
+            case "SET_EXPOSURE":
+                self._exposure_s = asked_s
         yield Ack(frame.type, max(frame.sequence, 0))
 
-    def _period_of(self, start: Start) -> float:
-        """The period in START; the sensor's own where the protocol has no field for it."""
+    def _asked_s(self, command: Command) -> float:
+        """The period in START, the exposure in SET_EXPOSURE; the sensor's own where the protocol does not say it."""
+        for argument in self._protocol.commands[command.name].arguments:
+            if argument.name in ("period", "exposure") and argument.unit:
+                return quantity(f"{command.arguments[argument.name]} {argument.unit}", "s")
         own_s = self._first_period_s or max(_USUAL_PERIOD_S, self._exposure_s)
-        return own_s if math.isnan(start.period_s) else start.period_s
+        return own_s if command.name == "START" else self._exposure_s
 
-    def _is_in_range(self, command: Message) -> bool:
-        if isinstance(command, Start):
-            return self._exposure_s <= self._period_of(command) <= _LONGEST_PERIOD_S
-        if isinstance(command, SetExposure):
-            return _SHORTEST_EXPOSURE_S <= command.exposure_s <= _LONGEST_EXPOSURE_S
+    def _is_in_range(self, command: Command, asked_s: float) -> bool:
+        if command.name == "START":
+            return self._exposure_s <= asked_s <= _LONGEST_PERIOD_S
+        if command.name == "SET_EXPOSURE":
+            return _SHORTEST_EXPOSURE_S <= asked_s <= _LONGEST_EXPOSURE_S
         return True
 
     def _refuse_bytes(self, discard: Discard | None) -> Iterator[Message]:
@@ -291,7 +292,7 @@ class SensorFirmware:
 
     def _send(self, message: Message, ready_ns: int) -> Transmission:
         protocol = self._protocol
-        counter = NAME_OF[type(message)] if protocol.counts_each_message else ""
+        counter = name_of(message) if protocol.counts_each_message else ""
         sequence = self._sequence.get(counter, 0)
         data = protocol.encode(message, sequence, self._header_flags)
         steps = protocol.frames_of(message) * protocol.sequence_step

@@ -72,6 +72,7 @@ from gse.station.frame_processor import FrameProcessor
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.housekeeping import fill_housekeeping
 from gse.station.identified import Identified
+from gse.station.item_table import Housekeeping
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answers import OwnAnswerProcessor
@@ -254,6 +255,7 @@ class StationLoop:
         self.setup = setup
         subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
         self.session = SessionData(station, setup.station_text, setup.protocol.name, subject=subject)
+        self.session.housekeeping = Housekeeping(setup.protocol.items)
         self.session.catalog = setup.catalog_facts()
         self.session.stars = setup.identifier.catalog.listed
         self.session.versions = versions()
@@ -443,6 +445,7 @@ class StationLoop:
     def _identify(self, received: Received) -> list[FrameResults]:
         """Conclude what came in its order; where panoramas are identified ahead, all but the latest."""
         results: list[FrameResults] = []
+        self.session.housekeeping.extend(received.items)
         for step in self._steps(received):
             self._waiting.append(step)
             results += self._conclude_but(0 if self.ahead is None else MOST_AHEAD)

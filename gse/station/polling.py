@@ -3,11 +3,14 @@
 from collections import deque
 
 from drivers.chunk import LinkEvent
-from gse.config.station import Port, Sensor, StartOptions
+from gse.config.station import PollOptions, Port, Sensor, StartOptions
 from gse.errors import UsageError
 from gse.station.events import StationKind
 from gse.station.results import LinkCounters
-from protocols import EncodeError, Frame, FrameDecoder, PanoramaMessage, Protocol, Request, Start
+from protocols import Command, EncodeError, Frame, FrameDecoder, PanoramaMessage, Protocol
+
+START, REQUEST, STOP = "START", "REQUEST", "STOP"
+"""Commands that the station sends by itself, as a station file has it asked."""
 
 IN_A_ROW = 3
 """Requests without an answer that are an event; one alone is a missing frame."""
@@ -36,7 +39,7 @@ class Polling:
         self._sent.append(data)
         decoder = FrameDecoder(self._protocol, from_sensor=False)
         found = [*decoder.feed(data), *decoder.finish()]
-        asked = sum(isinstance(item, Frame) and isinstance(self._protocol.decode(item), Request) for item in found)
+        asked = sum(isinstance(item, Frame) and item.type == REQUEST for item in found)
         if self._timeout_ns is None or not asked:
             return []
         self._counters.requests += asked
@@ -84,9 +87,9 @@ def check_asking(sensor: Sensor, port: Port, protocol: Protocol) -> None:
     options = sensor.start or sensor.poll
     if options is None:
         return
-    key, command = ("start", Start(0.1)) if isinstance(options, StartOptions) else ("poll", Request())
+    key = "start" if isinstance(options, StartOptions) else "poll"
     try:
-        asked = protocol.encode(command, 0)
+        asked = protocol.encode(asking_command(protocol, options), 0)
     except EncodeError as error:
         raise UsageError(f"sensor.{key}: {error}") from error
     if options.period_ms == "asap" or not protocol.panoramas:
@@ -99,6 +102,15 @@ def check_asking(sensor: Sensor, port: Port, protocol: Protocol) -> None:
             f"sensor.{key}.period_ms is {options.period_ms:g}: one answer takes {needed_ms:.1f} ms on the line at "
             f"{port.baudrate} baud; give a longer period{', or `asap`' if key == 'poll' else ''}"
         )
+
+
+def asking_command(protocol: Protocol, options: StartOptions | PollOptions) -> Command:
+    """The command that a sensor is asked with: START, with its period where the protocol has one, or REQUEST."""
+    if not isinstance(options, StartOptions) or START not in protocol.commands:
+        return Command(REQUEST if not isinstance(options, StartOptions) else START)
+    start = protocol.commands[START]
+    period = {"period": f"{options.period_ms} ms"} if any(of.name == "period" for of in start.arguments) else {}
+    return start.made(**period)
 
 
 def _smallest_answer(protocol: Protocol) -> int:

@@ -42,7 +42,7 @@ values keeps its ``problems`` and becomes a SENSOR_FAULT later.
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,7 @@ from drivers.chunk import LinkEvent, LinkKind
 from gse.station.byte_stream import ByteStream, FrameAt
 from gse.station.clock_witness import ClockWitness
 from gse.station.events import ClockStep, StationKind
+from gse.station.item_table import NO_ITEMS, FrameWithItems, ItemReader
 from gse.station.polling import Polling
 from gse.station.results import LinkCounters, OwnAnswer
 from gse.values.instant import LAST_NS, NS_PER_S, bounded
@@ -314,10 +315,14 @@ News = OwnAnswer | HostedStatus | Ack | Nak | LinkEvent
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """What some frames brought: panoramas, and news in their order, each with the number of panoramas before it."""
+    """What some frames brought: panoramas, and news in their order, each with the number of panoramas before it.
+
+    ``items`` are the values of housekeeping, rows of ITEM.
+    """
 
     news: Sequence[tuple[int, News]]
     panoramas: Panoramas
+    items: NDArray[np.void] = field(default_factory=lambda: NO_ITEMS)
 
     def __iter__(self) -> Iterator[Panorama | News]:
         first = 0
@@ -350,6 +355,7 @@ class Reception:
         """``asks`` where the station sends commands, ``timeout_ns`` where it polls, after which an answer is late."""
         self.counters = LinkCounters()
         self.stream = ByteStream(protocol, self.counters, echoes=asks)
+        self._items = ItemReader(protocol)
         self._polling = Polling(protocol, self.counters, timeout_ns)
         self._protocol = protocol
         self._panorama_type = "PANORAMA" if protocol.slots else ""
@@ -377,6 +383,7 @@ class Reception:
         columns = self._protocol.decode_panoramas(frames) if frames else None
         news: list[tuple[int, News]] = []
         made: list[_Made] = []
+        with_items: list[FrameWithItems] = []
         row = 0
         for item in stream:
             if isinstance(item, LinkEvent):
@@ -387,12 +394,27 @@ class Reception:
                 if events := self._panorama(item, columns, row, made):
                     news += [(before, event) for event in events]
                 row += 1
+                if self._panorama_type in self._items.types and len(made) > before:
+                    with_items.append(self._with_items(item, len(news), before))
             else:
-                news += [(len(made), found) for found in self._other(item, self._protocol.decode(item.frame))]
+                others, is_copy = self._other(item, self._protocol.decode(item.frame))
+                news += [(len(made), found) for found in others]
+                if item.frame.type in self._items.types and not is_copy:
+                    with_items.append(self._with_items(item, len(news), len(made)))
         for echo in self.stream.latest_echoes:
             at_ns = (bounded(stream[-1].utc_ns), bounded(stream[-1].mono_ns)) if stream else (0, 0)
             news += [(len(made), event) for event in self._polling.echoed(echo.data, *at_ns)]
-        return Received(news, _columns(columns, made) if columns and made else Panoramas.from_panoramas([]))
+        items, events_of_items = self._items.read(with_items) if with_items else (NO_ITEMS, [])
+        for frame, event in reversed(events_of_items):
+            news.insert(frame.place, (frame.before, event))
+        return Received(news, _columns(columns, made) if columns and made else Panoramas.from_panoramas([]), items)
+
+    def _with_items(self, at: FrameAt, place: int, before: int) -> FrameWithItems:
+        """A frame with items, at the host time at which it was complete."""
+        utc_ns = at.completed_utc_ns
+        if self._anchor_utc_ns is not None:  # host times mean nothing
+            utc_ns = max(self._anchor_utc_ns, self._latest_utc_ns)
+        return FrameWithItems(at.frame.type, at.frame.payload, bounded(utc_ns), bounded(at.mono_ns), place, before)
 
     def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> list[LinkEvent]:
         """The events before a panorama, row ``row`` of its block; one that is not a copy is appended to ``made``."""
@@ -428,22 +450,23 @@ class Reception:
         made.append((row, utc_ns, host_utc_ns, max(at.frame.sequence, 0), exposure_s, time_us))
         return events
 
-    def _other(self, at: FrameAt, message: Message) -> Iterator[News]:
-        """The news of any other frame."""
+    def _other(self, at: FrameAt, message: Message) -> tuple[list[News], bool]:
+        """The news of any other frame, and whether it is a copy of one that came before."""
         host_utc_ns, mono_ns = bounded(at.utc_ns), bounded(at.mono_ns)
         events = self._steps(at, message.time_us if isinstance(message, StatusMessage | AttitudeMessage) else None)
         # Only time tags of exposures show a restart.
         time_tag = message.time_us if isinstance(message, AttitudeMessage) and not self._panorama_type else None
         kind = self._arrived(at, host_utc_ns, mono_ns, time_tag, events, restarted=False)
-        yield from events
+        news: list[News] = [*events]
         if kind is Arrival.DUPLICATE:
-            return
+            return news, True
         if isinstance(message, AttitudeMessage):
-            yield self._own_answer(message, at, host_utc_ns, mono_ns)
+            news.append(self._own_answer(message, at, host_utc_ns, mono_ns))
         elif isinstance(message, StatusMessage):
-            yield bounded(at.completed_utc_ns), message
+            news.append((bounded(at.completed_utc_ns), message))
         elif isinstance(message, Ack | Nak):
-            yield message
+            news.append(message)
+        return news, False
 
     def _steps(self, at: FrameAt, time_us: int | None) -> list[LinkEvent]:
         """The step of the host's clock before a frame."""

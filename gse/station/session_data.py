@@ -13,6 +13,7 @@ from gse.station.clock_steps import instants_ns
 from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
+from gse.station.item_table import Housekeeping
 from gse.station.results import LinkCounters, Subject
 from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS
@@ -28,8 +29,9 @@ class SessionData:
 
     ``frames`` are the panoramas with the answers of the identifier under test; a sensor that sends no panoramas is its
     own ``subject``, and the frames are its answers. ``sensor_attitudes`` are the sensor's own answers (ATTITUDE
-    frames); ``raw_sha256`` is the hash of all received bytes; ``catalog`` describes the mission catalogue in use;
-    ``versions`` the packages that numbers depend on. ``events_not_kept`` are those of a flood, which are only counted.
+    frames), ``housekeeping`` the items that it sends; ``raw_sha256`` is the hash of all received bytes; ``catalog``
+    describes the mission catalogue in use; ``versions`` the packages that numbers depend on.
+    ``events_not_kept`` are those of a flood, which are only counted.
     ``others_lost`` of the lost frames of the link were certainly no panoramas.
     A ``truncated`` session lost its end; a ``growing`` one is still being recorded. ``stars`` are those of the mission
     catalogue: matches name its rows.
@@ -51,6 +53,7 @@ class SessionData:
     others_lost: int = 0
     clock: list[ClockReading] = field(default_factory=list)
     statuses: list[tuple[int, StatusMessage]] = field(default_factory=list)
+    housekeeping: Housekeeping = field(default_factory=lambda: Housekeeping({}))
     sensor_attitudes: AttitudeTable = field(default_factory=AttitudeTable)
     raw_sha256: str = ""
     catalog: dict[str, object] = field(default_factory=dict)

@@ -8,7 +8,7 @@ it, and has a queue that drops where it is slow; one that shows only the present
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol, Self, TypeVar
 
@@ -21,6 +21,7 @@ from gse.config.station import Station
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult, FrameResults
+from gse.station.item_table import Housekeeping, ItemNow
 from gse.station.own_answers import NO_OWN_ERRORS, NewOwnErrors
 from gse.station.results import ERRORS, AnswerCheck, AttitudeError, LinkCounters, Status, Subject
 from gse.station.session_data import SessionData
@@ -377,7 +378,7 @@ class LiveState:
 
     ``forecast`` is the line on the time to a verdict and ``metrics`` a table in Markdown, both empty before they are
     known: another thread sets them; ``alarms`` are those that nobody has seen yet. ``page`` is the address of the
-    live page, None without one.
+    live page, None without one. ``housekeeping`` is that of the session, once there is one.
     """
 
     def __init__(self, station: Station) -> None:
@@ -386,6 +387,7 @@ class LiveState:
         self.forecast = self.metrics = ""
         self.alarms: tuple[str, ...] = ()
         self.page: str | None = None
+        self.housekeeping = Housekeeping({})
         self._displays: list[Display] = []
         self._is_live = not station.port.url.startswith(_NOT_LIVE)
         self._own = NewOwnErrors()
@@ -394,6 +396,18 @@ class LiveState:
         self._readings = 0
         self._due_ns = 0
         self._sky_due = 0
+
+    @classmethod
+    def of(cls, session: SessionData) -> "LiveState":
+        """The state of a session that has begun."""
+        live = cls(session.station)
+        live.housekeeping = session.housekeeping
+        return live
+
+    @property
+    def items(self) -> Mapping[str, ItemNow]:
+        """The latest value of each item that the sensor has sent, by name; panoramas need not come."""
+        return self.housekeeping.latest
 
     def add(self, display: SomeDisplay) -> SomeDisplay:
         """Have a display called with each result and event from now on; it is returned."""

@@ -12,18 +12,14 @@ import pytest
 from protocols import (
     Ack,
     AttitudeMessage,
+    Command,
     Discard,
     Frame,
     FrameDecoder,
     Message,
     Nak,
     PanoramaMessage,
-    Ping,
-    Request,
-    SetExposure,
-    Start,
     StatusMessage,
-    Stop,
     load_protocol,
     parse_protocol,
 )
@@ -56,11 +52,11 @@ MESSAGES: list[tuple[int, bytes, Message]] = [
     ),
     (0x10, bytes([0x82, 0, 0xAB, 0xCD]), Ack("START", 0xABCD)),
     (0x11, bytes([0x85, 4, 0x00, 0x01]), Nak("SET_EXPOSURE", "out of range", 1)),
-    (0x81, b"", Ping()),
-    (0x82, struct.pack(">I", 100), Start(0.1)),
-    (0x83, b"", Stop()),
-    (0x84, b"", Request()),
-    (0x85, struct.pack(">I", 2_000_000), SetExposure(2.0)),
+    (0x81, b"", Command("PING")),
+    (0x82, struct.pack(">I", 100), Command("START", {"period": 100})),
+    (0x83, b"", Command("STOP")),
+    (0x84, b"", Command("REQUEST")),
+    (0x85, struct.pack(">I", 2_000_000), Command("SET_EXPOSURE", {"exposure": 2000000})),
 ]
 
 

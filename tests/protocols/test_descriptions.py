@@ -13,19 +13,25 @@ from hypothesis import strategies as st
 
 import protocols
 from protocols import (
+    Command,
     DescriptionError,
     Frame,
     FrameDecoder,
     Other,
     PanoramaMessage,
-    Ping,
-    Start,
     built_in_names,
     load_protocol,
     parse_protocol,
 )
 from protocols.checksum import CHECKSUMS
-from protocols.description import Description, FieldDescription, MessageDescription
+from protocols.description import (
+    ArgumentDescription,
+    CommandDescription,
+    Description,
+    FieldDescription,
+    ItemDescription,
+    MessageDescription,
+)
 from protocols.vocabulary import FORMS
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "protocols.md"
@@ -43,6 +49,7 @@ def test_every_description_of_the_document_can_be_compiled() -> None:
     names = [parse_protocol(text, "protocols.md").name for text in examples]
     assert names == [
         "example-sensor",
+        "items-and-commands",
         "every-key",
         "every-key-of-lines",
         "no-type-no-checksum",
@@ -53,7 +60,8 @@ def test_every_description_of_the_document_can_be_compiled() -> None:
 def test_the_examples_of_every_key_have_every_key() -> None:
     texts = re.findall(r"```yaml\n(version: 1\nname: every-key.*?)```", DOCUMENT.read_text(), re.DOTALL)
     assert len(texts) == 2
-    for model in (Description, MessageDescription, FieldDescription):
+    models = (Description, MessageDescription, ItemDescription, CommandDescription, ArgumentDescription)
+    for model in models:
         for key in set(model.model_fields) - {"extends"}:
             assert any(f"{key}:" in text for text in texts), key
 
@@ -289,7 +297,9 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
 def test_a_description_is_loaded_from_a_file_as_from_its_name(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(V1, encoding="utf-8")
-    assert load_protocol(str(path)).encode(Ping(), 1) == load_protocol("panorama-v1").encode(Ping(), 1)
+    assert load_protocol(str(path)).encode(Command("PING"), 1) == load_protocol("panorama-v1").encode(
+        Command("PING"), 1
+    )
 
 
 def test_the_text_of_a_protocol_makes_the_same_protocol_with_nothing_else() -> None:
@@ -315,7 +325,7 @@ def test_fields_with_offsets_stand_where_they_say_in_any_order() -> None:
       - {name: period, type: u16, unit: ms, offset: 2}""",
     ).replace("direction: to sensor\n    length: 4", "direction: to sensor", 1)
     protocol = parse_protocol(text, "mine.yaml")
-    assert protocol.encode(Start(0.258), 0)[10:-4] == bytes([0, 0, 1, 2, 0, 0, 0, 0])
+    assert protocol.encode(Command("START", {"period": 258}), 0)[10:-4] == bytes([0, 0, 1, 2, 0, 0, 0, 0])
 
 
 def test_the_worked_example_of_the_document_reads_what_its_manual_says() -> None:
@@ -333,7 +343,7 @@ def test_the_worked_example_of_the_document_reads_what_its_manual_says() -> None
     assert message.index == pytest.approx([4096 - 2.56 * 350, 4096 - 2.56 * 400])
     assert message.problems == ()
     assert (protocol.slots, protocol.sequence_modulus) == (12, 0)
-    assert protocol.encode(Start(), 0)[:4] == bytes([0xEB, 0x90, 0x70, 6])
+    assert protocol.encode(Command("START"), 0)[:4] == bytes([0xEB, 0x90, 0x70, 6])
 
 
 def test_a_message_that_the_station_ignores_is_framed_and_given_as_bytes() -> None:
@@ -347,7 +357,8 @@ def test_a_message_that_the_station_ignores_is_framed_and_given_as_bytes() -> No
 def test_the_document_names_every_key_checksum_message_field_and_unit() -> None:
     document = DOCUMENT.read_text(encoding="utf-8")
     fields = {name for form in FORMS.values() for name in (*form.roles, *form.slot_roles)}
-    words = {*Description.model_fields, *MessageDescription.model_fields, *FieldDescription.model_fields}
+    models = (Description, MessageDescription, ItemDescription, CommandDescription)
+    words = {key for model in models for key in model.model_fields}
     for word in {*words, *fields, *CHECKSUMS, *FORMS, *built_in_names()}:
         assert f"`{word}`" in document, word
     for form in FORMS.values():

@@ -14,10 +14,10 @@ import protocols
 from protocols import (
     REASONS,
     Ack,
+    Command,
     Discard,
     Frame,
     FrameDecoder,
-    Ping,
     Protocol,
     StatusMessage,
     load_protocol,
@@ -96,7 +96,7 @@ def stream_of(protocol: Protocol) -> st.SearchStrategy[bytes]:
     frame = st.builds(
         lambda n, fill: panorama(protocol, n, fill), st.integers(0, 255), st.sampled_from([0, 7, mark[0]])
     )
-    small = st.integers(0, 255).map(lambda n: protocol.encode(Ping(), n))
+    small = st.integers(0, 255).map(lambda n: protocol.encode(Command("PING"), n))
     broken = st.builds(lambda f, at: f[: at % len(f)], frame, st.integers(0, 300))
     flipped = st.builds(
         lambda f, at, bit: flip(f, at % len(f), 1 << bit), frame, st.integers(0, 300), st.integers(0, 7)
@@ -167,7 +167,11 @@ def test_frames_in_noise_are_all_found(protocol: Protocol) -> None:
 
 @every
 def test_frames_of_both_directions_are_told_apart_by_their_type(protocol: Protocol) -> None:
-    sent = [StatusMessage(supply_v=5, temperature_c=20, mode="standby", firmware=(1, 0, 0)), Ping(), Ack("PING", 4)]
+    sent = [
+        StatusMessage(supply_v=5, temperature_c=20, mode="standby", firmware=(1, 0, 0)),
+        Command("PING"),
+        Ack("PING", 4),
+    ]
     found = frames(decode(protocol, *(protocol.encode(message, n) for n, message in enumerate(sent))))
     assert [(f.type, f.sequence) for f in found] == [("STATUS", 0), ("PING", 1), ("ACK", 2)]
 
@@ -222,7 +226,7 @@ def test_faults_cost_the_frames_that_they_hit_and_nothing_false_is_accepted(prot
 
 
 def test_a_frame_inside_a_broken_frame_is_found() -> None:
-    inner = SYNC.encode(Ping(), 9)
+    inner = SYNC.encode(Command("PING"), 9)
     outer = panorama(SYNC, 1)
     stream = flip(outer[:50] + inner + outer[50 + len(inner) :], 20, 1)
     found = decode(SYNC, stream)
@@ -231,7 +235,7 @@ def test_a_frame_inside_a_broken_frame_is_found() -> None:
 
 
 def test_a_frame_inside_a_truncated_frame_is_found_at_the_end() -> None:
-    inner = SYNC.encode(Ping(), 9)
+    inner = SYNC.encode(Command("PING"), 9)
     found = decode(SYNC, panorama(SYNC, 1)[:100] + inner)
     assert [f.type for f in frames(found)] == ["PING"]
     assert reasons(found) == ["truncated"]
@@ -372,6 +376,6 @@ def test_a_frame_is_found_behind_bytes_that_are_those_of_its_sync_word_too(noise
     """AA AA begins in each of AA AA AA: a refused one costs one byte, and the next is looked at."""
     text = (Path(protocols.__file__).parent / "panorama-v1.yaml").read_text(encoding="utf-8")
     protocol = parse_protocol(text.replace('"1ACFFC1D"', '"AAAA"'), "doubled.yaml")
-    whole = protocol.encode(Ping(), 5)
+    whole = protocol.encode(Command("PING"), 5)
     (frame,) = frames(decode(protocol, noise + whole))
     assert (frame.start, frame.sequence) == (len(noise), 5)

@@ -13,14 +13,12 @@ from spacepackets.ccsds.spacepacket import PacketType, SequenceFlags, SpacePacke
 
 from protocols import (
     Ack,
+    Command,
     Discard,
     Frame,
     FrameDecoder,
     PanoramaMessage,
-    Ping,
     Protocol,
-    Request,
-    Start,
     StatusMessage,
     built_in_names,
     load_protocol,
@@ -75,8 +73,8 @@ def test_an_answer_over_nsp_is_read_and_written_byte_by_byte() -> None:
 
 def test_a_request_over_nsp_goes_from_the_host_to_the_sensor() -> None:
     data = nsp(0x0E, 0x11, 0x8A, b"")
-    assert NSP.encode(Request(), 0) == data
-    assert NSP.decode(only(NSP, data, from_sensor=False)) == Request()
+    assert NSP.encode(Command("REQUEST"), 0) == data
+    assert NSP.decode(only(NSP, data, from_sensor=False)) == Command("REQUEST")
 
 
 def test_frames_between_others_are_not_for_us_and_our_own_are_echoes() -> None:
@@ -155,7 +153,7 @@ def test_a_line_is_read_and_written_as_the_document_has_it() -> None:
     assert message.xy_px.tolist() == [[512.25, 300.5], [17, 900.75]]
     assert message.index.tolist() == [2100, 1800]
     assert LINES.encode(message, 10_000) == data
-    assert LINES.encode(Start(0.1), 3) == line("START,3,100")
+    assert LINES.encode(Command("START", {"period": 100}), 3) == line("START,3,100")
     assert LINES.decode(only(LINES, line("OK,4,START,3"))) == Ack("START", 3)
 
 
@@ -330,5 +328,5 @@ messages:
     assert isinstance(message, PanoramaMessage)
     assert message.xy_px.tolist() == [[0x1F, 5], [7, 8]]
     assert message.index.tolist() == [2, 1]  # the order of the wire is that of brightness
-    assert protocol.encode(Ping(), 0) == bytes.fromhex("1F7F1FFF")
+    assert protocol.encode(Command("PING"), 0) == bytes.fromhex("1F7F1FFF")
     assert reasons(found_in(protocol, bytes.fromhex("1F7F00101F7F0010001FFF"))) == ["bad length", "PANORAMA"]

@@ -18,7 +18,7 @@ from drivers.mock.urls import replay_url, sim_url
 from drivers.session_file.writer import CaptureWriter
 from drivers.uart import received_at
 from drivers.urlhandlers.protocol_sim import register
-from protocols import Frame, FrameDecoder, Start, load_protocol
+from protocols import Command, Frame, FrameDecoder, load_protocol
 
 FRAMES = 600
 PERIOD_NS = 100_000_000
@@ -35,7 +35,7 @@ SPECS = {kind: f"{kind}:{rate:g}" for kind, rate in RATES.items()} | {
 @cache
 def frames() -> list[bytes]:
     # Any frame that a CRC protects will do; START has a payload of four bytes and no meaning here.
-    return [PROTOCOL.encode(Start(0.001 * (1 + n)), n) for n in range(FRAMES)]
+    return [PROTOCOL.encode(Command("START", {"period": 1000 * (0.001 * (1 + n))}), n) for n in range(FRAMES)]
 
 
 NUMBER = {frame: number for number, frame in enumerate(frames())}

@@ -44,7 +44,7 @@ def test_a_command_to_the_simulator_says_that_no_real_sensor_got_it(tmp_path: Pa
 
 
 def test_a_refusal_gives_the_sensors_reason(tmp_path: Path) -> None:
-    result = run(tmp_path, "exposure", "9")
+    result = run(tmp_path, "start", "--period", "0.001")
     assert isinstance(result.exception, CommandError)
     assert "out of range" in str(result.exception)
 
@@ -69,7 +69,7 @@ def test_a_command_goes_through_the_session_that_has_the_port(tmp_path: Path) ->
             time.sleep(0.05)
         live.await_state("running")
         assert isinstance(run(tmp_path, "start", "--port", address).exception, PortError)
-        refused = run(tmp_path, "exposure", "9", "--session", str(out))
+        refused = run(tmp_path, "start", "--period", "0.001", "--session", str(out))
         assert "out of range" in str(refused.exception)
         result = run(tmp_path, "start", "--session", str(out), "--json")
         assert result.exit_code == 0, result.output

@@ -13,7 +13,7 @@ from drivers.chunk import Chunk
 from drivers.session_file.writer import CaptureWriter
 from gse.cli import cli
 from gse.inspection.decode import Decoding
-from protocols import Discard, Frame, PanoramaMessage, Ping, StatusMessage, load_protocol
+from protocols import Command, Discard, Frame, PanoramaMessage, StatusMessage, load_protocol
 
 V1 = load_protocol("panorama-v1")
 SLIP = load_protocol("panorama-slip")
@@ -102,7 +102,7 @@ def test_json_gives_one_object_per_line_and_totals_that_add_up(capture: Path) ->
     )
     first = pieces[1]
     assert (first["type"], first["sequence"], first["message"]["frame_no"]) == ("PANORAMA", 1, 1)
-    assert first["message"]["objects"][1] == {"x_px": 2.0, "y_px": 3.0, "index": 2.0}
+    assert first["message"]["objects"][1] == {"x_px": 2.0, "y_px": 3.0, "index": 2}
     assert pieces[-2]["arrival"] == "duplicate"
 
 
@@ -114,7 +114,7 @@ def test_discards_alone_leave_out_the_frames(capture: Path) -> None:
 def session(path: Path, protocol_text: str = SLIP.text) -> Path:
     with CaptureWriter(path) as writer:
         writer.attach("protocol.yaml", "application/yaml", protocol_text.encode())
-        writer.tx(Chunk(10**18, 0, SLIP.encode(Ping(), 4)))
+        writer.tx(Chunk(10**18, 0, SLIP.encode(Command("PING"), 4)))
         answer = SLIP.encode(StatusMessage(time_us=5, temperature_c=20.0, supply_v=5.0, mode="standby", serial=9), 0)
         writer.rx(Chunk(10**18 + 2_000_000, 0, answer[:7]))
         writer.rx(Chunk(10**18 + 3_000_000, 0, answer[7:] + answer[:9]))

@@ -24,7 +24,7 @@ from gse.sessions.replay import replay_session
 from gse.station.events import StationKind
 from gse.station.polling import Polling, check_asking
 from gse.station.results import LinkCounters
-from protocols import FrameDecoder, Request, load_protocol
+from protocols import Command, FrameDecoder, load_protocol
 
 NSP = load_protocol("nsp-polled")
 
@@ -101,11 +101,11 @@ def test_answers_that_are_late_doubled_missing_or_of_others_are_counted(
         assert 4 <= link[key] <= 25, key
     discarded = link["discarded_bytes_by_reason"]
     assert set(discarded) == {"echo", "not for us"}
-    assert discarded["echo"] == link["requests"] * len(NSP.encode(Request(), 0))
+    assert discarded["echo"] == link["requests"] * len(NSP.encode(Command("REQUEST"), 0))
 
 
 def sent(mono_ns: int) -> LinkEvent:
-    return LinkEvent(mono_ns, mono_ns, LinkKind.SENT, NSP.encode(Request(), 0).hex())
+    return LinkEvent(mono_ns, mono_ns, LinkKind.SENT, NSP.encode(Command("REQUEST"), 0).hex())
 
 
 def test_three_requests_without_an_answer_are_one_event() -> None:
@@ -122,7 +122,7 @@ def test_three_requests_without_an_answer_are_one_event() -> None:
 def test_a_command_of_another_master_is_an_event_and_an_echo_is_none() -> None:
     polling = Polling(NSP, LinkCounters(), timeout_ns=50)
     polling.sent(sent(0))
-    assert polling.echoed(NSP.encode(Request(), 0), 1, 1) == []
+    assert polling.echoed(NSP.encode(Command("REQUEST"), 0), 1, 1) == []
     [event] = polling.echoed(bytes.fromhex("C00E118012AB") + b"\xc0", 1, 1)
     assert event.kind == StationKind.SECOND_MASTER
     assert polling.echoed(b"\xc0other\xc0", 2, 2) == []

@@ -10,7 +10,7 @@ from devices.terminal import Terminal
 from drivers.errors import CommandError
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.sessions.commanding import command_sensor
-from protocols import Ack, Frame, FrameDecoder, Message, Start, Stop, load_protocol
+from protocols import Ack, Command, Frame, FrameDecoder, Message, load_protocol
 
 PROTOCOL = load_protocol("panorama-v1")
 
@@ -40,9 +40,9 @@ def sensor_behind(terminal: Terminal, answer: Callable[[Frame], bytes], commands
     return thread
 
 
-def command(terminal: Terminal, message: Message, tmp_path: Path) -> Message:
+def command(terminal: Terminal, message: Command, tmp_path: Path) -> Message:
     text = BUILT_IN_TEXT.replace("sim://", str(terminal.path))
-    return command_sensor(parse_station(text), text, message, tmp_path / "out").answer
+    return command_sensor(parse_station(text), text, message, tmp_path / "out").answer.message
 
 
 @pytest.mark.parametrize(
@@ -51,20 +51,20 @@ def command(terminal: Terminal, message: Message, tmp_path: Path) -> Message:
 def test_an_answer_to_another_command_does_not_count(terminal: Terminal, tmp_path: Path, name: str, shift: int) -> None:
     thread = sensor_behind(terminal, lambda frame: ack(name, frame.sequence + shift), 4)
     with pytest.raises(CommandError, match="did not answer"):
-        command(terminal, Start(0.1), tmp_path)
+        command(terminal, Command("START", {"period": 100}), tmp_path)
     thread.join()
 
 
 def test_an_answer_that_came_before_the_command_does_not_count(terminal: Terminal, tmp_path: Path) -> None:
     terminal.write(ack("START", 0) + ack("STOP", 0))
     with pytest.raises(CommandError, match="did not answer"):
-        command(terminal, Stop(), tmp_path)
+        command(terminal, Command("STOP"), tmp_path)
 
 
 def test_the_right_answer_counts_among_wrong_ones(terminal: Terminal, tmp_path: Path) -> None:
     terminal.write(ack("STOP", 0))
     thread = sensor_behind(terminal, lambda frame: ack("START", frame.sequence) + ack("STOP", frame.sequence), 1)
-    answer = command(terminal, Stop(), tmp_path)
+    answer = command(terminal, Command("STOP"), tmp_path)
     thread.join()
     assert isinstance(answer, Ack)
     assert (answer.command, answer.sequence) == ("STOP", 0)

@@ -25,14 +25,12 @@ from gse.simulator.firmware import Detector
 from gse.simulator.pty_endpoint import PtyEndpoint
 from protocols import (
     Ack,
+    Command,
     Frame,
     FrameDecoder,
     Message,
     PanoramaMessage,
-    Ping,
-    Start,
     StatusMessage,
-    Stop,
     load_protocol,
 )
 
@@ -95,17 +93,17 @@ def panoramas(heard: list[Message]) -> list[PanoramaMessage]:
 def test_commands_are_obeyed_as_the_interface_says(make: Callable[[], Endpoint], detector: Detector) -> None:
     with emulated(make(), detector, standby="yes") as address, SerialLink(address, BAUDRATE) as link:
         listener = Listener(link)
-        link.send(PROTOCOL.encode(Ping(), 0))
+        link.send(PROTOCOL.encode(Command("PING"), 0))
         status = listener.until(lambda heard: len(heard) == 1)[0]
         assert isinstance(status, StatusMessage)
         assert status.mode == "standby"
-        link.send(PROTOCOL.encode(Start(period_s=0.05), 1))
+        link.send(PROTOCOL.encode(Command("START", {"period": 50}), 1))
         heard = listener.until(lambda heard: len(panoramas(heard)) == 10)
         assert heard[1] == Ack("START", 1)
         assert [message.frame_no for message in panoramas(heard)] == list(range(10))
         tags_us = [message.time_us for message in panoramas(heard)]
         assert {later - earlier for earlier, later in itertools.pairwise(tags_us)} <= {50_000, 50_001}
-        link.send(PROTOCOL.encode(Stop(), 2))
+        link.send(PROTOCOL.encode(Command("STOP"), 2))
         listener.until(lambda heard: Ack("STOP", 2) in heard)
 
 

@@ -18,16 +18,12 @@ from gse.station.reception import Reception
 from protocols import (
     Ack,
     AttitudeMessage,
+    Command,
     FrameDecoder,
     Message,
     Nak,
     PanoramaMessage,
-    Ping,
-    Request,
-    SetExposure,
-    Start,
     StatusMessage,
-    Stop,
     built_in_names,
     load_protocol,
 )
@@ -101,7 +97,7 @@ def test_every_protocol_with_commands_starts_at_one(name: str) -> None:
     station = STATION.model_copy(update={"protocol": name})
     protocol = load_protocol(name)
     device = device_factory(station)({"standby": "yes", "frames": "20"})
-    device.command(protocol.encode(Start(period_s=0.1), 3), 0)
+    device.command(protocol.encode(Command("START", {"period": 100}), 3), 0)
     said = messages(list(iter(device.next_chunk, None)), station)
     seen = [message for message in said if isinstance(message, PanoramaMessage)]
     assert said[0] == Ack("START", 3)
@@ -234,12 +230,12 @@ def test_start_stop_and_status_are_obeyed() -> None:
         while given[-1].utc_ns < given[0].utc_ns + seconds * 1e9:
             given.append(device.next_chunk())
 
-    device.command(PROTOCOL.encode(Start(period_s=0.2), 0), given[-1].utc_ns)
+    device.command(PROTOCOL.encode(Command("START", {"period": 200}), 0), given[-1].utc_ns)
     run_until(2.0)
-    device.command(PROTOCOL.encode(Ping(), 1), given[-1].utc_ns)
-    device.command(PROTOCOL.encode(Stop(), 2), given[-1].utc_ns)
+    device.command(PROTOCOL.encode(Command("PING"), 1), given[-1].utc_ns)
+    device.command(PROTOCOL.encode(Command("STOP"), 2), given[-1].utc_ns)
     run_until(4.0)
-    device.command(PROTOCOL.encode(Request(), 3), given[-1].utc_ns)
+    device.command(PROTOCOL.encode(Command("REQUEST"), 3), given[-1].utc_ns)
     run_until(4.5)
     said = messages([chunk for chunk in given if chunk is not None])
     assert said[0] == Ack("START", 0)
@@ -254,16 +250,16 @@ def test_start_stop_and_status_are_obeyed() -> None:
 def test_what_is_out_of_range_or_broken_is_refused_and_echoes_are_not_answered(
     ask: Callable[[list[Message | bytes]], list[Message]],
 ) -> None:
-    broken = bytearray(PROTOCOL.encode(Ping(), 7))
+    broken = bytearray(PROTOCOL.encode(Command("PING"), 7))
     broken[-1] ^= 1
     said = ask(
         [
-            SetExposure(exposure_s=3.0),
-            SetExposure(exposure_s=0.5),
-            Start(period_s=0.1),
+            Command("SET_EXPOSURE", {"exposure": 3000000}),
+            Command("SET_EXPOSURE", {"exposure": 500000}),
+            Command("START", {"period": 100}),
             bytes(broken),
             PROTOCOL.encode(Ack("PING", 0), 4),
-            Ping(),
+            Command("PING"),
         ]
     )
     status = said.pop()
@@ -281,13 +277,13 @@ def test_what_is_out_of_range_or_broken_is_refused_and_echoes_are_not_answered(
 def test_a_frame_that_is_refused_is_answered_at_once_and_once(
     ask: Callable[[list[Message | bytes]], list[Message]], change: tuple[int, int], reason: str
 ) -> None:
-    broken = bytearray(PROTOCOL.encode(Ping(), 7))
+    broken = bytearray(PROTOCOL.encode(Command("PING"), 7))
     broken[change[0]] ^= change[1]
     [alone] = ask([bytes(broken)])
     assert isinstance(alone, Nak)
     assert (alone.reason, alone.sequence) == (reason, 7)
-    assert ask([bytes(broken), b"noise", Ping()])[:1] == [alone]
-    in_halves = ask([bytes(broken[:9]), bytes(broken[9:]), Ping()])
+    assert ask([bytes(broken), b"noise", Command("PING")])[:1] == [alone]
+    in_halves = ask([bytes(broken[:9]), bytes(broken[9:]), Command("PING")])
     assert in_halves[0] == alone
     assert isinstance(in_halves[1], StatusMessage)
 
@@ -295,9 +291,11 @@ def test_a_frame_that_is_refused_is_answered_at_once_and_once(
 def test_a_longer_exposure_shows_fainter_stars() -> None:
     device = device_factory(STATION)({"standby": "yes", "frames": "50"})
     given = [device.next_chunk()]
-    for number, exposure_s in enumerate((0.01, 0.5)):
-        device.command(PROTOCOL.encode(SetExposure(exposure_s=exposure_s), 2 * number), given[-1].utc_ns)
-        device.command(PROTOCOL.encode(Request(), 2 * number + 1), given[-1].utc_ns)
+    for number, exposure_us in enumerate((10_000, 500_000)):
+        device.command(
+            PROTOCOL.encode(Command("SET_EXPOSURE", {"exposure": exposure_us}), 2 * number), given[-1].utc_ns
+        )
+        device.command(PROTOCOL.encode(Command("REQUEST"), 2 * number + 1), given[-1].utc_ns)
         for _ in range(20):
             given.append(device.next_chunk())
     short, long = panoramas([chunk for chunk in given if chunk is not None])
