@@ -3,7 +3,9 @@
 A sensor's star field is a condition of a session, not a draw. So absences that come and go, as noise, false objects and
 fields poor in stars make them, are trials whose probability changes slowly: the share over the session is as good as
 its runs of absences are many. A solid outage, a run longer than such trials make, is an event: its number is Poisson,
-its share is bounded by the number of outages and by their lengths. Both bounds add.
+its share is bounded by the number of outages and by their lengths: from above, as if one more had come, as long as the
+longest. Both bounds add. Outages of which fewer than five are expected in a session may be short there by chance: then
+a sensor at its limit passes more often than the decision states.
 
 Runs that follow each other closely are one: what causes them lasts. Runs of unequal length tell as little as fewer
 equal ones, (sum of lengths)^2 / (sum of their squares) of them (Kish 1965).
@@ -154,10 +156,16 @@ def _bounds_of_absence(runs: NDArray[np.int64], of: int) -> tuple[float, float, 
     if not solid.any():
         return lower, upper, Outages()
     outages, frames = runs[solid], float(runs[solid].sum())
-    number = frames**2 / float((outages**2).sum())
-    least, most = gammaincinv(number, RISK) / number, gammaincinv(number + 1, 1 - RISK) / number
     found = Outages(len(outages), int(outages.min()), int(outages.max()), int(frames))
-    return lower + frames / of * float(least), min(upper + frames / of * float(most), 1.0), found
+    one_more = np.append(outages, found.longest)
+    return lower + _of_events(outages, RISK) / of, min(upper + _of_events(one_more, 1 - RISK) / of, 1.0), found
+
+
+def _of_events(outages: NDArray[np.int64], probability: float) -> float:
+    """The frames that so many outages, of such lengths, are expected to take, by the quantile of a Poisson number."""
+    frames = float(outages.sum())
+    number = frames**2 / float((outages**2).sum())
+    return frames * float(gammaincinv(number, probability)) / number
 
 
 def _of_trials(runs: NDArray[np.int64], of: int) -> tuple[float, float]:

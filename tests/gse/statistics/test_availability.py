@@ -115,12 +115,12 @@ def test_both_bounds_add():
     assert 1 - together.lower == pytest.approx(2 - outage.lower - single.lower - no_more, rel=1e-3)
 
 
-def test_outages_of_unequal_length_tell_as_little_as_fewer_equal_ones():
-    """One of 300 and three of 10: (330)^2 / (90,000 + 300) = 1.206 equal ones."""
+def test_one_more_outage_is_taken_to_be_as_long_as_the_longest():
+    """Two of 300 and three of 10: (630)^2 / (180,000 + 300) = 2.201 equal ones, with one of 300 that did not come."""
     share, found = available_share(absences(300, 10, 10, 10, of=10_800))
     assert found == Outages(4, 10, 300, 330)
-    number = 330**2 / (300**2 + 3 * 10**2)
-    most = scipy_stats.gamma.ppf(0.95, number + 1) / number * 330 / 10_800
+    number = 630**2 / (2 * 300**2 + 3 * 10**2)
+    most = scipy_stats.gamma.ppf(0.95, number) / number * 630 / 10_800
     assert 1 - share.lower == pytest.approx(most + 1 - 0.05 ** (1 / 10_800), rel=1e-6)
 
 
@@ -201,3 +201,17 @@ def test_a_sensor_at_its_limit_passes_in_one_of_twenty_sessions(made, n):
     rng = np.random.default_rng(7)
     passed = sum(available_share(made(rng, n))[0].lower >= 0.95 for _ in range(300))
     assert passed <= 15 + 3 * math.sqrt(15)
+
+
+@pytest.mark.parametrize("number", [10, 30, 100])
+def test_outages_of_very_different_lengths_pass_at_the_limit_as_seldom(number):
+    """Lengths of a logarithmic standard deviation of 1: of 1000 sessions, with three standard deviations."""
+    rng, n, passed = np.random.default_rng(8), 36_000, 0
+    risk = 0.06 if number >= 30 else 0.1
+    for _ in range(1000):
+        lengths = np.rint(rng.lognormal(math.log(0.05 * n / number) - 0.5, 1.0, rng.poisson(number))).astype(int)
+        good = np.ones(n, dtype=bool)
+        for first, length in zip(rng.integers(0, n, len(lengths)).tolist(), lengths.tolist(), strict=True):
+            good[first : first + length] = False
+        passed += available_share(good)[0].lower >= 0.95
+    assert passed <= 1000 * risk + 3 * math.sqrt(1000 * risk * (1 - risk))
