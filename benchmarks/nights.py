@@ -84,7 +84,7 @@ def night(number: int, rate_hz: float) -> Night:
     if has["satellites"]:
         air["satellites_per_minute"] = float(random.uniform(0.1, 1))
     noise_arcsec = float(random.uniform(2, 12))
-    motion = _motion(random, has, seconds, HALF_ARCSEC - 2 * noise_arcsec)
+    motion = _motion(random, has, seconds, (HALF_ARCSEC**2 - (2 * noise_arcsec) ** 2) ** 0.5)
     return Night(
         number,
         {

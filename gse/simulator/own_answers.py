@@ -1,7 +1,7 @@
 """The simulated sensor's own answers: ATTITUDE messages of what its boresight sees, with faults.
 
 The direction is astropy's: the places in ICRS of what is seen at the boresight through the air. It is computed at four
-instants of each cell of 300 s and interpolated, as the stars are.
+instants of each cell of 300 s and interpolated, as the stars are. It moves with the mount, as they do.
 """
 
 from collections import deque
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.simulator.scenario import AttitudeSection, Scenario
-from gse.simulator.scene import horizon_to_sensor, icrs_to_sensor
+from gse.simulator.scene import horizon_to_sensor, icrs_to_sensor, moved_by
 from gse.simulator.sky import CELL_NS, AstropySite, Track, earth_orientation, times_of
 from gse.values.attitude_convention import AttitudeConvention, ReferenceFrame, state_angles, state_quaternions
 from gse.values.constants import ARCSEC_RAD
@@ -34,6 +34,7 @@ class OwnAnswers:
 
     def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator, start_ns: int) -> None:
         self._traits: AttitudeSection = scenario.attitude
+        self._motion = scenario.motion
         self._convention: AttitudeConvention = station.sensor.attitude
         corrected = self._convention.aberration == "corrected"
         is_shown = station.mount.inertial is not None
@@ -85,7 +86,8 @@ class OwnAnswers:
         across_x, across_y, roll = noise + self._traits.bias_arcsec
         # what lies along columns (x) is a turn about -y, along rows (y) one about x
         error = Rotation.from_rotvec(np.array([across_y, -across_x, roll]) * ARCSEC_RAD).as_matrix()
-        self._earlier.append(product(error, self._direction.icrs_to_sensor(utc_ns)))
+        moved = moved_by(self._motion, (utc_ns - self._start_ns) / NS_PER_S)
+        self._earlier.append(product(error, moved, self._direction.icrs_to_sensor(utc_ns)))
         found = self._earlier[0]
         if self._random.random() < self._traits.false_answers:
             axis = self._random.normal(size=3)

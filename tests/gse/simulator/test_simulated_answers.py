@@ -22,10 +22,11 @@ TILTED = BUILT_IN_TEXT.replace("altitude_deg: 90", "altitude_deg: 50").replace("
 ORIENTATION = EarthOrientation.from_disk(START_NS)
 
 
-def answers(keys, convention="{}", stated=None):
+def answers(keys, convention="{}", stated=None, motion="{}"):
     """Errors (5, COUNT) of the answers of a scenario, as a station reads them, and the messages."""
     station = parse_station(TILTED.replace("sensor:\n", f"sensor:\n  attitude: {convention}\n"))
-    scenario = parse_scenario(f"text: test\nattitude: {{noise_arcsec: 0, roll_noise_arcsec: 0, {keys}}}", "t")
+    text = f"text: test\nattitude: {{noise_arcsec: 0, roll_noise_arcsec: 0, {keys}}}\nmotion: {motion}"
+    scenario = parse_scenario(text, "t")
     own = OwnAnswers(station, scenario, np.random.default_rng(5), START_NS)
     messages = [own.message(utc_ns, number, number) for number, utc_ns in enumerate(UTC_NS.tolist())]
     table = AttitudeTable()
@@ -71,6 +72,12 @@ def test_a_bias_lies_along_columns_rows_and_about_the_boresight():
     assert x == pytest.approx(30, abs=0.2)
     assert y == pytest.approx(-20, abs=0.2)
     assert roll == pytest.approx(100, abs=2)
+
+
+def test_the_answers_slip_with_the_mount():
+    errors, _ = answers("", motion="{slips: [[10, 30, -20, 100]]}")
+    moved = errors[2:, COUNT // 2 :].mean(axis=1) - errors[2:, : COUNT // 2].mean(axis=1)
+    assert moved == pytest.approx([100, 30, -20], abs=0.3)
 
 
 def test_a_delayed_answer_is_that_of_an_earlier_sky():
