@@ -89,6 +89,8 @@ class Scene:
         self, stream: rr.RecordingStream, station: Station, catalog: StarCatalog | None, *, live: bool
     ) -> None:
         self._stream = stream
+        # One for all pieces: rerun never ends the two threads of a recording stream, nor frees its memory.
+        self._pieces = rr.RecordingStream("gse", recording_id=stream.get_recording_id(), send_properties=False)
         self._station = station
         self._live = live
         self._began_ns = 0
@@ -197,7 +199,7 @@ class Scene:
         until = f"{own}.{self._number}", int(self._latest_ns or 0)
         if after == self._number:
             return NextPiece(b"", *until)
-        stream = rr.RecordingStream("gse", recording_id=own, send_properties=False)
+        stream = self._pieces
         file = stream.binary_stream()
         if after < self._laid_out:
             stream.send_blueprint(self._layout())

@@ -344,3 +344,17 @@ def test_the_running_mean_does_not_depend_on_how_frames_come(rows, tmp_path: Pat
         scene.add_columns(session.frames.columns.rows(slice(begin, min(begin + 7, FRAMES))))
     stream.disconnect()
     assert np.allclose(values(rows_of(path), "/near/d_ra"), values(rows, "/near/d_ra"), atol=0.002, equal_nan=True)
+
+
+def test_a_viewer_that_is_open_all_night_costs_no_thread_for_each_piece() -> None:
+    session = synthetic_night(FRAMES)
+    scene = Scene(rerun.RecordingStream("gse", send_properties=False), session.station, None, live=True)
+    place, threads = "", []
+    for row in range(20):
+        scene.add_columns(session.frames.columns.rows(slice(row, row + 1)))
+        piece = scene.piece_after(place)
+        assert piece.rrd
+        assert piece.place != place
+        place = piece.place
+        threads.append(len(list(Path("/proc/self/task").iterdir())))
+    assert threads[-1] <= threads[0] + 4  # rerun's own pool may grow for a while
