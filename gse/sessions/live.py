@@ -276,6 +276,7 @@ def run_live(
         derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s, asking, power)
         loop.session.clock_error_s = clock_error_s
         live.housekeeping = loop.session.housekeeping
+        live.in_work_since_ns = lambda: loop.in_work_since_ns
         loop.listeners = make_listeners(loop, folder, live)
         status.enter("running")
         derived_data.take_screen(began_ns or 0)

@@ -281,6 +281,7 @@ class StationLoop:
         self._waiting: deque[_Asked | News] = deque()
         self._serial = 0
         self._items_at_once = _FIRST_ITEMS
+        self.in_work_since_ns = 0
         self.left_bytes = 0
         self.listeners: Sequence[Listener] = ()
         self.most_at_once = MOST_AT_ONCE
@@ -354,14 +355,16 @@ class StationLoop:
         self, items: Sequence[Chunk | LinkEvent], most: int, each: Callable[[list[FrameResults]], None]
     ) -> Sequence[Chunk | LinkEvent]:
         """Process the first items, at most so many; returns the others. How many take WORK_S is learnt from them."""
-        some = items[:most]
+        some, others = items[:most], items[most:]
         began_s = time.monotonic()
+        self.in_work_since_ns = some[0].mono_ns if some else 0
         each(self.take(some))
+        self.in_work_since_ns = others[0].mono_ns if others else 0
         worked_s = max(time.monotonic() - began_s, 1e-6)
         if some:
             fitting = round(len(some) * WORK_S / worked_s)
             self._items_at_once = min(max(fitting, 1), 2 * self._items_at_once, ITEMS_AT_ONCE)
-        return items[len(some) :]
+        return others
 
     def _close_external(self) -> None:
         """End an external identifier; what it said of itself belongs to the session."""

@@ -26,7 +26,7 @@ from gse.values.mount import Mount
 from gse.values.panorama import Panorama
 from gse.values.site import Site
 from gse.view.error_trace import ErrorTraces
-from gse.view.glance_word import Facts, Phase, word_of
+from gse.view.glance_word import LATE_S, Facts, Phase, word_of
 from gse.view.live_state import ErrorsSoFar, LiveState
 from gse.view.verdict_text import clock_health
 
@@ -300,7 +300,8 @@ class Glance:
 
     def _facts(self, now: ClockReading) -> Facts:
         so_far = self._so_far
-        silent_s = (now.mono_ns - self._latest_mono_ns) / NS_PER_S if so_far.frames else 0.0
+        behind_s = self._live.behind_s(now)
+        silent_s = (now.mono_ns - self._latest_mono_ns) / NS_PER_S if so_far.frames and behind_s < LATE_S else 0.0
         answered_ns = so_far.first_utc_ns if so_far.answered_utc_ns is None else so_far.answered_utc_ns
         # Data may run faster than the host's clock: time without an answer is the data's, then the host's.
         waited_s = silent_s if self._phase is Phase.RUNNING else 0.0
@@ -318,6 +319,7 @@ class Glance:
             objects=None if so_far.subject is Subject.SENSOR else so_far.objects,
             answered=so_far.answered_utc_ns is not None,
             since_answer_s=since_answer_s,
+            behind_s=behind_s,
             sky="DAYLIGHT" if self._bright else _SKY_WORDS.get(so_far.sky, ""),
             aligning_s=aligning_s,
             outside=so_far.outside,

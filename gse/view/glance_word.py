@@ -6,6 +6,8 @@ from enum import StrEnum
 
 NO_ANSWER_S = 2.0
 """Time without an answer after which the word says so."""
+LATE_S = 2.0
+"""Time that bytes wait in this computer from which on a display says that it is behind."""
 ACQUIRING_S = 10.0
 """Time from the first panorama in which no answer is not an alarm yet."""
 
@@ -35,6 +37,7 @@ class Facts:
     sends no panoramas.
     ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
     are not kept; ``aligning_s`` is the time left for the fit of the mount; ``cause`` is what the station found out.
+    ``behind_s`` is how long this computer has had bytes that it is not done with.
     """
 
     phase: Phase = Phase.RUNNING
@@ -51,6 +54,7 @@ class Facts:
     aligning_s: float = 0.0
     outside: tuple[str, ...] = ()
     cause: str = ""
+    behind_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +70,7 @@ def word_of(facts: Facts) -> Word:
     """The word for a session: what is most wrong comes first."""
     if facts.phase is not Phase.RUNNING:
         return _at_the_end(facts)
-    return _of_link(facts) or _of_answers(facts) or _of_errors(facts)
+    return _of_this_computer(facts) or _of_link(facts) or _of_answers(facts) or _of_errors(facts)
 
 
 def _at_the_end(facts: Facts) -> Word:
@@ -88,6 +92,14 @@ def level_of(verdict: str) -> Level:
 def bare_verdict(verdict: str) -> str:
     """PASS, FAIL or INCONCLUSIVE of a verdict as it is printed."""
     return re.split("[, ]", verdict, maxsplit=1)[0]
+
+
+def _of_this_computer(facts: Facts) -> Word | None:
+    """That it is behind, unless the frames that it is done with want an answer."""
+    if facts.behind_s < LATE_S or facts.since_answer_s >= (NO_ANSWER_S if facts.answered else ACQUIRING_S):
+        return None
+    lasts = _duration(facts.behind_s)
+    return Word(f"BEHIND {lasts}", Level.WARN, f"this computer works on bytes of {lasts} ago; all bytes are recorded")
 
 
 def _of_link(facts: Facts) -> Word | None:

@@ -8,7 +8,7 @@ it, and has a queue that drops where it is slow; one that shows only the present
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol, Self, TypeVar
 
@@ -30,7 +30,7 @@ from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
 from gse.values.mount import Mount
 from gse.view.drawing import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
-from gse.view.glance_word import NO_ANSWER_S
+from gse.view.glance_word import LATE_S, NO_ANSWER_S
 from gse.view.recent import EventLine, EventLines
 from protocols import StatusMessage
 
@@ -92,8 +92,6 @@ _FEWEST_FOR_SHARES = 100
 
 SEEN = "alarm seen"
 
-LATE_S = 2.0
-"""Time in a queue from which on a display says that this computer is behind."""
 _NOT_LIVE = ("sim://", "replay://")
 
 _RATE_WINDOW = 50
@@ -378,7 +376,8 @@ class LiveState:
 
     ``forecast`` is the line on the time to a verdict and ``metrics`` a table in Markdown, both empty before they are
     known: another thread sets them; ``alarms`` are those that nobody has seen yet. ``page`` is the address of the
-    live page, None without one. ``housekeeping`` is that of the session, once there is one.
+    live page, None without one. ``housekeeping`` is that of the session, once there is one. ``in_work_since_ns`` says
+    when the bytes came that the loop works on (monotonic; 0: it waits for some).
     """
 
     def __init__(self, station: Station) -> None:
@@ -388,6 +387,7 @@ class LiveState:
         self.alarms: tuple[str, ...] = ()
         self.page: str | None = None
         self.housekeeping = Housekeeping({})
+        self.in_work_since_ns: Callable[[], int] = lambda: 0
         self._displays: list[Display] = []
         self._is_live = not station.port.url.startswith(_NOT_LIVE)
         self._own = NewOwnErrors()
@@ -449,6 +449,11 @@ class LiveState:
             return 0.0
         came_ns = int(session.frames.columns[-1:]["host_utc_ns"][0])
         return max(0.0, (read_clock().utc_ns - came_ns) / NS_PER_S) if came_ns else 0.0
+
+    def behind_s(self, now: ClockReading) -> float:
+        """How long the loop has had bytes on a live port that it is not done with."""
+        since_ns = self.in_work_since_ns() if self._is_live else 0
+        return max(0.0, (now.mono_ns - since_ns) / NS_PER_S) if since_ns else 0.0
 
     def _stars_expected(self, session: SessionData) -> float:
         if len(session.frames) < self._sky_due:

@@ -4,6 +4,8 @@ import asyncio
 import http.client
 import json
 import re
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -11,9 +13,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
+from socket import create_server
 
+import numpy as np
 import pytest
+from devices.live_session import LiveSession
 from devices.patience import PATIENCE_S
+from devices.programs import program
 from devices.proxy import Proxy
 from skies.one_by_one import results_of
 from skies.synthetic_night import synthetic_frames, synthetic_night
@@ -24,6 +30,7 @@ from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
 from gse.view.server import _SHOW_VERDICT_S, _WRONG_TOKEN_S, MOST_BROWSERS, Content, ViewServer
+from protocols import PanoramaMessage, load_protocol
 
 MOST_PAGE_BYTES = 100_000
 
@@ -285,3 +292,42 @@ def test_a_saved_session_takes_no_notes_and_has_no_live_page(tmp_path: Path) -> 
     with ViewServer("127.0.0.1", 0, Content(recording=tmp_path / "session.rrd")) as server:
         assert post(server, {"text": "x"})[0] == 404
         assert asyncio.run(first_message(server)) is None
+
+
+async def until_the_word_is(word: str, address: str) -> str:
+    """The words of a page up to one; PATIENCE_S at most."""
+    page = await websocket_connect(address)
+    async with asyncio.timeout(PATIENCE_S):
+        while not (said := json.loads(str(await page.read_message()))["word"]["text"]).startswith(word):
+            await page.write_message("next")
+    await leave(page)
+    return str(said)
+
+
+def test_a_panorama_that_waits_for_this_computer_is_not_held_against_the_sensor(tmp_path: Path) -> None:
+    """An identifier that takes minutes, while panoramas go on to come."""
+    slow = program(tmp_path, "for line in sys.stdin:\n    time.sleep(100)\n")
+    protocol, nothing = load_protocol("panorama-v1"), (np.zeros((0, 2)), np.zeros(0))
+    with create_server(("127.0.0.1", 0)) as sensor:
+        command = [sys.executable, "-m", "gse", "run", "--port", f"socket://127.0.0.1:{sensor.getsockname()[1]}"]
+        command += [
+            "--identifier",
+            f"command:{slow}",
+            "--view",
+            "web",
+            "--http-port",
+            "0",
+            "--out",
+            str(tmp_path / "out"),
+        ]
+        running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        connection, _ = sensor.accept()
+        with connection:
+            for number in range(20):
+                panorama = PanoramaMessage(100_000 * number, number, 0.05, frozenset(), 20.0, *nothing)
+                connection.sendall(protocol.encode(panorama, sequence=number))
+            page = LiveSession(tmp_path / "out").await_state("running")["page"]
+            said = asyncio.run(until_the_word_is("BEHIND", f"{page.replace('http', 'ws')}live"))
+        running.kill()
+        running.wait()
+    assert said.endswith(" s")
