@@ -1,25 +1,23 @@
 """The errors of the station.
 
-GseError                exit code 70 unless a subclass says otherwise
-    UsageError          2: what was asked for does not make sense
-        ConfigError     2: the station file
-        CatalogError    2: a star catalogue file
-        TableError      2: a panorama table or another input file
-        TruthError      2: no truth for this instant or site
-    CampaignError       3: a campaign that is not finished; what it committed is whole
+GseError                exit code 2 unless a subclass says otherwise: what this computer has not, or does not do
+    UsageError          what was asked for does not make sense
+        ConfigError     the station file
+        CatalogError    a star catalogue file
+        TableError      a panorama table or another input file
+        TruthError      no truth for this instant or site
+    CampaignError       exit code 3: a campaign that is not finished; what it committed is whole
 """
 
 
 class GseError(Exception):
     """Root of all errors of the station; the text is one or two lines for a person."""
 
-    exit_code = 70
+    exit_code = 2
 
 
 class UsageError(GseError):
     """What was asked for does not make sense."""
-
-    exit_code = 2
 
 
 class ConfigError(UsageError):

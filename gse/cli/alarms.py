@@ -17,7 +17,7 @@ def command() -> None:
 @command.command()
 @station_option
 def test(station_path: Path | None) -> None:
-    """Send a message as an alarm of a running session would; exit code 70 where it could not be sent."""
+    """Send a message as an alarm of a running session would; exit code 2 where it could not be sent."""
     from gse.sessions.alarms import send_message
 
     station, _ = station_of(station_path)

@@ -89,6 +89,8 @@ def test_a_program_gets_the_message_as_its_last_argument(gse: Gse, tmp_path: Pat
         send_message(failing, "x")
     with pytest.raises(GseError, match="try it with: gse alarms test"):
         send_message(alarms("{command: [/nowhere/at-all]}"), "x")
+    station.write_text(BUILT_IN_TEXT + "alarms: {command: [/nowhere/at-all]}\n")
+    assert gse("alarms", "test", "-s", station).code == 2
     assert "no alarms.command" in gse("alarms", "test").err
 
 
