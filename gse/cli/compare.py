@@ -105,33 +105,29 @@ def command(
             raise UsageError("--with-sensor compares one session with its sensor; leave out B and second options")
         change = change_to(stations[0] if stations else None, identifiers[0] if identifiers else None)
         ctx.exit(_with_sensor(first, change, start_utc, as_json=as_json))
+    if len(others) > 1 and (identifiers or stations):
+        raise UsageError(f"{len(others) + 1} sessions are compared as they are; leave out --identifier and --station")
+    if not others and not identifiers and not stations:
+        raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
+    paths = (first, *(others or [first]))
+    sessions = [
+        _session(path, _of(identifiers, place), _of(stations, place), start_utc, anew=anew)
+        for place, path in enumerate(paths)
+    ]
+    lost = _damage_code(paths, sessions)
     compared = functools.partial(
         session_comparison, sigmas=sigmas, allowed_share=allowed_share, bias_is_regression=bias_is_regression
     )
+    comparisons = [compared(sessions[0], session) for session in sessions[1:]]
     if len(others) > 1:
-        if identifiers or stations:
-            raise UsageError(
-                f"{len(others) + 1} sessions are compared as they are; leave out --identifier and --station"
-            )
-        paths = (first, *others)
-        sessions = [_session(path, None, None, start_utc, anew=anew) for path in paths]
-        lost = _damage_code(paths, sessions)
-        comparisons = [compared(sessions[0], session) for session in sessions[1:]]
         document = _document_of_many(paths, sessions, comparisons)
-        click.echo(json.dumps(document) if as_json else "\n".join(_lines_of_many(document)))
-        ctx.exit(lost or _exit_code(comparisons))
-    second = others[0] if others else None
-    if second is None and not identifiers and not stations:
-        raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
-    sessions = [
-        _session(path, _of(identifiers, place), _of(stations, place), start_utc, anew=anew)
-        for place, path in enumerate((first, second or first))
-    ]
-    lost = _damage_code((first, second or first), sessions)
-    result, programs = compared(*sessions), _programs(sessions)
-    document = compare_report(result) | programs
-    click.echo(json.dumps(document) if as_json else "\n".join([*_lines(result), *_program_lines(programs)]))
-    ctx.exit(lost or _exit_code([result]))
+        lines = _lines_of_many(document)
+    else:
+        (only,), programs = comparisons, _programs(sessions)
+        document = compare_report(only) | programs
+        lines = [*_lines(only), *_program_lines(programs)]
+    click.echo(json.dumps(document) if as_json else "\n".join(lines))
+    ctx.exit(lost or _exit_code(comparisons))
 
 
 def _newest(*, alone: bool) -> tuple[Path, tuple[Path, ...]]:

@@ -1,6 +1,7 @@
 """``gse emulate``: the simulated sensor, or a recorded session, on a pty, a TCP port or a serial port."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from click.core import ParameterSource
 from drivers.clock import read_clock
 from drivers.ports import is_mock
 from gse.cli.folding import folded
-from gse.cli.options import duration_option, station_option
+from gse.cli.options import duration_option, gathered, station_option
 from gse.config.choice import station_of
 from gse.config.station import Port
 from gse.errors import UsageError
@@ -24,6 +25,24 @@ if TYPE_CHECKING:
 _LAST_PORT = 65535
 _OF_THE_SIMULATION = ("station_path", "scenario", "rate_hz", "standby", "start", "dark", "level")
 """What a recorded session says itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """What the simulated sensor sees and sends."""
+
+    scenario: str
+    rate_hz: float | None
+    standby: bool
+    start: str | None
+    dark: bool
+    level: str
+
+    def options(self, seed: int) -> dict[str, str]:
+        """As those of a sim:// URL."""
+        options = {"scenario": self.scenario, "seed": str(seed), "start": self.start or to_text(read_clock().utc_ns, 9)}
+        options |= {"level": self.level, **({"standby": "yes"} if self.standby else {})}
+        return options | ({"rate_hz": str(self.rate_hz)} if self.rate_hz else {})
 
 
 @click.command("emulate")
@@ -45,20 +64,24 @@ _OF_THE_SIMULATION = ("station_path", "scenario", "rate_hz", "standby", "start",
 )
 @click.option("--faults", help="With --session: faults of the cable, as of sim://, e.g. flip:1e-5,drop_frame:0.01.")
 @station_option
-@click.option("--scenario", default="clear-zenith", show_default=True, help="Name of a scenario, or a YAML file.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the noise.")
-@click.option(
-    "--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second; default: as in the scenario."
-)
-@click.option("--standby", is_flag=True, help="Wait for the command START before sending.")
-@click.option("--start-utc", "start", help="UTC of the simulated sky, e.g. 2026-03-20T15:00:00Z; default: now.")
-@click.option("--dark", is_flag=True, help="Leave the light of the Sun out: stars at any hour, where they are now.")
-@click.option(
-    "--level",
-    type=click.Choice(("panorama", "image", "image-sub-pixel")),
-    default="panorama",
-    show_default=True,
-    help="Simulate lists of stars, or whole images and their extraction (slower).",
+@gathered(
+    "simulation",
+    Simulation,
+    click.option("--scenario", default="clear-zenith", show_default=True, help="Name of a scenario, or a YAML file."),
+    click.option(
+        "--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second; default: as in the scenario."
+    ),
+    click.option("--standby", is_flag=True, help="Wait for the command START before sending."),
+    click.option("--start-utc", "start", help="UTC of the simulated sky, e.g. 2026-03-20T15:00:00Z; default: now."),
+    click.option("--dark", is_flag=True, help="Leave the light of the Sun out: stars at any hour, where they are now."),
+    click.option(
+        "--level",
+        type=click.Choice(("panorama", "image", "image-sub-pixel")),
+        default="panorama",
+        show_default=True,
+        help="Simulate lists of stars, or whole images and their extraction (slower).",
+    ),
 )
 @click.option(
     "--duration",
@@ -78,13 +101,8 @@ def command(
     shift: str | None,
     faults: str | None,
     station_path: Path | None,
-    scenario: str,
+    simulation: Simulation,
     seed: int,
-    rate_hz: float | None,
-    standby: bool,
-    start: str | None,
-    dark: bool,
-    level: str,
     duration_s: float | None,
 ) -> None:
     """Simulate the sensor of a station file in real time, for this station or for other ground software.
@@ -94,35 +112,49 @@ def command(
     The frames bear the flag `test`, so that no session with them passes for one of a sensor: it is SIMULATED. The
     address to open is printed on stdout. The emulator ends with Ctrl-C or after --duration.
     """
+    if use_pty + (tcp_address is not None) + (port_url is not None) != 1:
+        raise UsageError("give either --pty or --tcp HOST:PORT or --port DEVICE, for example --tcp 127.0.0.1:4000")
+
+    def open_endpoint(of_station: Port) -> "Endpoint":
+        return _endpoint(tcp_address, port_url, of_station)
+
+    if session_path is None:
+        if shift or faults:
+            raise UsageError("--shift and --faults are for a recorded session: give --session too")
+        _simulate(simulation, station_path, seed, open_endpoint, duration_s)
+        return
+    given = [name for name in _OF_THE_SIMULATION if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    if given:
+        options_given = [param.opts[-1] for param in ctx.command.params if param.name in given]
+        raise UsageError(f"a session has its own station and sky: leave out {', '.join(options_given)}")
+    _play(session_path, open_endpoint, shift, faults, seed, duration_s)
+
+
+def _simulate(
+    simulation: Simulation,
+    station_path: Path | None,
+    seed: int,
+    open_endpoint: Callable[[Port], "Endpoint"],
+    duration_s: float | None,
+) -> None:
+    """Be the sensor of a station under a scenario's sky, until Ctrl-C or for a time."""
     from gse.simulator.device import detector_of, firmware_of, scenario_of
     from gse.simulator.emulator import Emulator
     from gse.simulator.outlook import outlook
 
-    if use_pty + (tcp_address is not None) + (port_url is not None) != 1:
-        raise UsageError("give either --pty or --tcp HOST:PORT or --port DEVICE, for example --tcp 127.0.0.1:4000")
-    if session_path is not None:
-        given = [name for name in _OF_THE_SIMULATION if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
-        if given:
-            options_given = [param.opts[-1] for param in ctx.command.params if param.name in given]
-            raise UsageError(f"a session has its own station and sky: leave out {', '.join(options_given)}")
-        _play(session_path, lambda port: _endpoint(tcp_address, port_url, port), shift, faults, seed, duration_s)
-        return
-    if shift or faults:
-        raise UsageError("--shift and --faults are for a recorded session: give --session too")
-    options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
-    options |= {"level": level, **({"standby": "yes"} if standby else {})}
+    options = simulation.options(seed)
     station, _ = station_of(station_path)
-    session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}), station)
-    if dark:
+    session = scenario_of(options, station)
+    if simulation.dark:
         session = session.model_copy(update={"air": session.air.model_copy(update={"sunlight": False})})
     device = session.device_for(station)
     detector = detector_of(station, session, options)
     # A first exposure, which is not sent, loads catalogue, ephemeris and Earth orientation.
     detector.expose(session.start_utc_ns, session.exposure_s, session.firmware.temperature_c[0])
     began_ns = read_clock().utc_ns
-    offset_ns = session.start_utc_ns - began_ns if start else 0
+    offset_ns = session.start_utc_ns - began_ns if simulation.start else 0
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns, is_test=True)
-    endpoint = _endpoint(tcp_address, port_url, device.port)
+    endpoint = open_endpoint(device.port)
     click.echo(endpoint.address)
     seen = outlook(device, session, "--start-utc chooses a night, --dark leaves the Sun's light out")
     click.echo(folded(seen, indent=2, err=True), err=True)
