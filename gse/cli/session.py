@@ -23,14 +23,14 @@ _json = click.option("--json", "as_json", is_flag=True, help="One JSON object on
 _out = click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="The new file.")
 
 
-class _Session(click.Group):
+class _WithSynonym(click.Group):
     """``gse session show`` is ``gse session info``."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return super().get_command(ctx, "info" if cmd_name == "show" else cmd_name)
 
 
-@click.group("session", cls=_Session)
+@click.group("session", cls=_WithSynonym)
 def command() -> None:
     """Work with recorded sessions. FILE is a .mcap file, or the folder that gse run made."""
 

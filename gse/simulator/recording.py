@@ -31,7 +31,7 @@ class SimulatedRecording:
     damage: str | None
 
 
-class Asking(Interface):
+class Asker(Interface):
     """What asks the simulated sensor, between two rounds of receiving."""
 
     def came(self, panoramas: int, reconnects: int) -> None:
@@ -47,7 +47,7 @@ def record_simulation(
     station_text: str,
     orientation_json: str,
     *,
-    asking: Callable[[SerialLink, Protocol], AbstractContextManager[Asking] | None] = lambda link, protocol: None,
+    asking: Callable[[SerialLink, Protocol], AbstractContextManager[Asker] | None] = lambda link, protocol: None,
 ) -> SimulatedRecording:
     """Record the simulated sensor of the station's port (a sim:// URL) from start to end.
 
@@ -73,7 +73,7 @@ def record_simulation(
     return SimulatedRecording(size, "; ".join(filter(None, [recorder.damage, *refused])) or None)
 
 
-def _record(link: SerialLink, recorder: Recorder, decoder: FrameDecoder, asks: Asking | None) -> int:
+def _record(link: SerialLink, recorder: Recorder, decoder: FrameDecoder, asks: Asker | None) -> int:
     size, clock_due_ns = 0, 0
     while not link.at_end:
         panoramas = 0

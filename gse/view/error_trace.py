@@ -34,14 +34,14 @@ _DECIMALS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bin:
+class TraceBin:
     """The errors of a stretch of time: ``stats`` (5, A) has count, mean, squares about it, least, greatest by axis."""
 
     number: int
     stats: NDArray[np.float64]
 
 
-_Bins = list[Bin]
+_Bins = list[TraceBin]
 
 
 class ErrorTrace:
@@ -61,20 +61,20 @@ class ErrorTrace:
         errors = np.column_stack([known[name].astype(np.float64) for name in self._columns])
         begins = np.flatnonzero(np.diff(seconds, prepend=seconds[0] - 1))
         for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(known)], strict=True):
-            self._take(Bin(int(seconds[begin]), _stats(errors[begin:end])))
+            self._take(TraceBin(int(seconds[begin]), _stats(errors[begin:end])))
 
-    def _take(self, part: Bin) -> None:
+    def _take(self, part: TraceBin) -> None:
         self._close = _with(self._close, part)
         if self._close[0].number <= part.number - CLOSE_S:
             first = next(place for place, one in enumerate(self._close) if one.number > part.number - CLOSE_S)
             self._close = self._close[first:]
         step_s, bins = self._whole
-        bins = _with(bins, Bin(part.number // step_s, part.stats))
+        bins = _with(bins, TraceBin(part.number // step_s, part.stats))
         if len(bins) > MOST_BINS:
             step_s, halves = 2 * step_s, bins
             bins = []
             for one in halves:
-                bins = _with(bins, Bin(one.number // 2, one.stats))
+                bins = _with(bins, TraceBin(one.number // 2, one.stats))
         self._whole = step_s, bins
 
     def close_after(self, number: int, places: Sequence[int]) -> dict[str, Any]:
@@ -93,10 +93,10 @@ def _stats(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.full(len(mean), float(len(errors))), mean, squares, errors.min(axis=0), errors.max(axis=0)])
 
 
-def _with(bins: _Bins, part: Bin) -> _Bins:
+def _with(bins: _Bins, part: TraceBin) -> _Bins:
     """The bins with one more, or with its errors in the last one; one from before that begins anew."""
     if bins and part.number == bins[-1].number:
-        bins[-1] = Bin(part.number, _merged(bins[-1].stats, part.stats))
+        bins[-1] = TraceBin(part.number, _merged(bins[-1].stats, part.stats))
         return bins
     if bins and part.number < bins[-1].number:
         return [part]
@@ -124,7 +124,7 @@ def _document(step_s: int, bins: _Bins, number: int, places: Sequence[int]) -> d
     return {"step_s": step_s, "anew": anew, "bins": [_row(one, places) for one in kept]}
 
 
-def _row(one: Bin, places: Sequence[int]) -> list[float]:
+def _row(one: TraceBin, places: Sequence[int]) -> list[float]:
     row: list[float] = [one.number, int(one.stats[_COUNT, 0])]
     for place in places:
         count, mean, squares, low, high = one.stats[:, place].tolist()

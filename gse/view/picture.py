@@ -35,7 +35,7 @@ _ANONYMOUS = ("Gaia", "HIP", "HR", "HD", "BSC")
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class DetectorPicture:
     """The detector of a station."""
 
     camera: Camera

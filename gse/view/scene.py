@@ -32,7 +32,7 @@ from gse.view.live_state import (
     VERDICT_COLOURS,
     SessionSoFar,
 )
-from gse.view.picture import Picture
+from gse.view.picture import DetectorPicture
 from gse.view.recent import EventLines, NextPiece, Recent
 from gse.view.series import (
     MEAN_S,
@@ -98,7 +98,7 @@ class Scene:
         self._latest = Recent[FrameResult](1, math.inf)
         self._boresight_icrs: NDArray[np.float64] | None = None
         self._window_s: float | None = None
-        self._picture = Picture(station.sensor.camera(), station.sensor.index_max, catalog)
+        self._picture = DetectorPicture(station.sensor.camera(), station.sensor.index_max, catalog)
         self._track: list[NDArray[np.void]] = []
         self._status: Status | None = None
         self._events = EventLines(frozenset({StationKind.NOTE, StationKind.MOUNT_TOUCHED}))
