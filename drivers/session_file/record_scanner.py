@@ -42,8 +42,7 @@ from drivers.session_file.records import (
 #
 # A few hundred bytes can unpack to megabytes, and megabytes to a hundred thousand messages. What this station writes
 # unpacks to at most 440 times its size (a message of 64 KiB of one value) and has an index entry of 16 bytes in the
-# file
-# for each packed message, so both stay far below the limit.
+# file for each packed message, so both stay far below the limit.
 
 FREE_BYTES = 64 << 20
 WORK_PER_BYTE = 512

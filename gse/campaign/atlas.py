@@ -66,13 +66,10 @@ def _left_out(
 # Pixel phase error of a sensor that sends whole pixels: what is left of its residuals without the rounding.
 #
 # A star at the phase p (px, from -0.5 to 0.5) is put on the pixel round(p + e(p) + n), with the sensor's own error
-# e = a sin(2 pi p) + b cos(2 pi p) and noise n. So the mean residual at a phase is the mean of that pixel less p: a
-# saw
+# e = a sin(2 pi p) + b cos(2 pi p) and noise n. So the mean residual at a phase is the mean of that pixel less p: a saw
 # tooth that the noise smooths and e bends. The noise follows, for a given e, from the mean square of the residuals;
-# then
-# their first two harmonics give a and b. The phases come from the attitude fitted to the other stars of the frame,
-# whose
-# error smooths the harmonics further.
+# then their first two harmonics give a and b. The phases come from the attitude fitted to the other stars of the frame,
+# whose error smooths the harmonics further.
 
 SQUARES_UNCERTAINTY = 0.015
 """Relative standard uncertainty of the mean square, from outliers and stars of different noise."""

@@ -62,9 +62,8 @@ from protocols import ProtocolError
 # The time that a worker may take for one session: Dask knows no such limit.
 #
 # Nothing stops a loop from outside, so a thread of the worker ends its whole process. Before that it leaves a mark in
-# the
-# data set, by which whoever is given the session next in this run knows that it is in vain. A loop that lets no other
-# thread run ends by Dask's ``worker-ttl``.
+# the data set, by which whoever is given the session next in this run knows that it is in vain. A loop that lets no
+# other thread run ends by Dask's ``worker-ttl``.
 
 
 @contextmanager

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 # Names of stars: those approved by the IAU for the bright ones, else the catalogue's own designation.
 #
-# ``iau_names.csv`` holds names of the IAU Catalog of Star Names with the stars' Hipparcos and Bright Star (HR)
-# numbers,
+# ``iau_names.csv`` holds names of the IAU Catalog of Star Names with the stars' Hipparcos and Bright Star (HR) numbers,
 # and the Gaia DR3 source id where Gaia has the star.
 
 Designation = Literal["Gaia DR3", "HIP", "HR", "flight"]

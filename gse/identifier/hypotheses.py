@@ -16,11 +16,9 @@ from gse.process.jit import compiled, compiled_part
 # Hypotheses by votes: which star an alpha star may be, at which roll.
 #
 # An alpha star and its nearest partners: for each partner, every catalogue pair of the same distance votes for "the
-# alpha
-# star is this star, at this roll". A true star gets the votes of all its true partners at one roll, so that the
-# partners
-# fit each other and handedness is checked by the vote itself. Two votes that agree make a hypothesis, if other objects
-# have stars near them too.
+# alpha star is this star, at this roll". A true star gets the votes of all its true partners at one roll, so that the
+# partners fit each other and handedness is checked by the vote itself. Two votes that agree make a hypothesis, if other
+# objects have stars near them too.
 
 FEW_LOOKED_AT = 12
 """A random object has a star near it with a probability of 1 to 3 %."""

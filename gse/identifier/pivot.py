@@ -46,8 +46,7 @@ from gse.values.identifier_options import IdentifierOptions
 
 # Cells of the sky, pivot paper, section 3.2: zones of declination, each cut into equal parts of right ascension.
 #
-# With every bracket a floor, and eqs 7-9 mended (as printed they put few stars into the right cell): zone k counts
-# from
+# With every bracket a floor, and eqs 7-9 mended (as printed they put few stars into the right cell): zone k counts from
 # the north pole in steps of D = 2 pi / (2N + 1), its order is n = 2k, or 2N + 1 - 2k once 2k > N, it has 2n + 1 cells,
 # and cell j of it, counted so that j = 0 is centred on right ascension 0, has the index n^2 + j in 0 .. (N + 1)^2 - 1.
 

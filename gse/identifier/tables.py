@@ -23,8 +23,7 @@ from gse.values.camera import Camera
 # Tables of the identifiers on disk, mapped into memory by every run that needs them.
 #
 # A file is a line ``gse tables 2 XXH3`` of what follows, and the columns as numpy writes them, each from a multiple of
-# 64 bytes on. Columns are mapped copy-on-write: processes share their memory, and compiled code finds the same types
-# as
+# 64 bytes on. Columns are mapped copy-on-write: processes share their memory, and compiled code finds the same types as
 # in tables that were made anew.
 
 Columns = tuple[NDArray[Any], ...]

@@ -187,6 +187,9 @@ def _misfit(
 
     The rotation (3, 3) is that of all stars, or there is one for each (N, 3, 3).
     """
+    # A measured place is undistorted, which is a polynomial, and the pinhole's place of the star is taken from it:
+    # residual = offset (1 + k1 s^2 + k2 s^4) + aside - f (x / z, y / z). Distorting the star's place instead would
+    # take an inversion at each step.
     offset = field.xy_px - camera.principal_point_px
     s2 = (offset**2).sum(axis=1) / (camera.columns / 2) ** 2
     k1, k2 = camera.radial_distortion
@@ -224,6 +227,14 @@ def _improve(
     fit: _CameraFit, anchor: Camera, fields: Sequence[StarField], prior: NDArray[np.float64]
 ) -> tuple[_CameraFit, float]:
     """One Gauss-Newton step, and how far it moves a corner."""
+    # The unknowns are K of the camera and three of each attitude, and no attitude knows of another:
+    #
+    #     [ normal     cross_1  cross_2 .. ] [ step   ]   [ right   ]
+    #     [ cross_1^T  A_1      0          ] [ turn_1 ] = [ right_1 ]
+    #     [ cross_2^T  0        A_2        ] [ turn_2 ]   [ right_2 ]
+    #
+    # So each panorama gives up its turn by its own 3 x 3 block, turn = A^-1 (right - cross^T step), and K equations
+    # are left, however many panoramas there are (the Schur complement).
     camera, count = fit.camera, len(prior)
     stars, place = _together(fields)
     residual, by_all, by_rotation = _misfit(camera, stars, fit.rotations[place])
@@ -240,6 +251,7 @@ def _improve(
     right = right - product(weighted.T, residual.ravel()) - product(flat_cross.T, eliminated[:, :, count].ravel())
     step = solve(normal, right)
     turned = _turned(fit.rotations, eliminated[:, :, count] - product(eliminated[:, :, :count], step))
+    # A step is told in pixels, by how far it moves a star at the edge: k moves one by half * k there, p by three times.
     half = camera.columns / 2
     reach = np.array([half / camera.focal_length_px, 1, 1, half, half, 3 * half, 3 * half])[:count]
     moved = _parameters(camera)
@@ -266,6 +278,7 @@ def _covariance(fit: _CameraFit, fields: Sequence[StarField]) -> NDArray[np.floa
     by_camera, sigma = by_all[:, :, : len(normal)], _sigma_axis_px(residual)
     weight = _weight(residual, sigma)
     rotation_normal, cross = _of_attitudes(by_rotation, by_camera, weight, place)
+    # What a star does to the camera: its own slope, less the part that the attitude of its panorama takes over.
     operators = (by_camera - product(by_rotation, solve(rotation_normal, cross)[place])).transpose(0, 2, 1)
     softness = [_softness(residual[place == panorama], sigma) for panorama in range(len(fields))]
     summed = star_covariance(operators, weight[:, None] * residual, stars.numbers, place, within_blocks=True)

@@ -28,8 +28,7 @@ from gse.recording.session_format import RecorderKind
 
 # Syncing of a session file, beside its writing.
 #
-# A busy disk takes up to seconds to sync a file. A thread that waits for it does not write, and what comes meanwhile
-# is
+# A busy disk takes up to seconds to sync a file. A thread that waits for it does not write, and what comes meanwhile is
 # in this process alone: lost if it is killed.
 
 

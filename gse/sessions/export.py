@@ -112,8 +112,7 @@ def export_bytes(path: Path, out: BinaryIO, topic: str = RX) -> Exported:
 #     /results/verdict   verdict and reasons, once, at the last panorama
 #
 # Keys are the columns of docs/tables.md without their subject. The records of the session are copied with their
-# instants;
-# ``session.mcap`` itself is never touched.
+# instants; ``session.mcap`` itself is never touched.
 
 TABLES = ("sessions", "frames", "stars")
 FRAME, VERDICT = "/results/frame", "/results/verdict"

@@ -66,8 +66,7 @@ def moved_by(motion: Motion, since_start_s: float) -> NDArray[np.float64]:
 #
 # The Moon's glow follows Krisciunas & Schaefer 1991, PASP 103, 1033, equations 2, 3, 15, 20, 21 (some 20 % accurate).
 # Twilight at the zenith is a parabola through Patat, Ugolnikov & Postylyakov 2006, A&A 455, 385 (V band, Sun 5 to 16
-# deg
-# down), drawn out in a straight line to sunset; its gradient towards the Sun is a rough guess.
+# deg down), drawn out in a straight line to sunset; its gradient towards the Sun is a rough guess.
 
 DARK_MAGNITUDE = 21.3
 """Zenith of a moonless night at a good site, V per square arcsecond."""

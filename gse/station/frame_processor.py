@@ -36,10 +36,8 @@ from gse.values.panorama import MAX_OBJECTS, Panorama, Panoramas, Parts
 # What an external identifier gave, as answers of the station, and compared with truth.
 #
 # Its RA, DE and roll are taken as they are: nothing is solved again. To compare them with truth they are corrected as
-# the
-# station's own answers are: the objects that it calls stars (all, where it names none) lose their refraction, the
-# places
-# on the sky where it puts them become apparent places, and the attitude between the two is the geometric one.
+# the station's own answers are: the objects that it calls stars (all, where it names none) lose their refraction, the
+# places on the sky where it puts them become apparent places, and the attitude between the two is the geometric one.
 
 _ARMS = np.array([[0.05, 0.0, 1.0], [-0.05, 0.0, 1.0], [0.0, 0.05, 1.0], [0.0, -0.05, 1.0]])
 _CROSS = _ARMS / np.linalg.norm(_ARMS, axis=1, keepdims=True)

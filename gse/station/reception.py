@@ -75,10 +75,9 @@ from protocols.sequence import RECENT
 
 # The sensor's clock against the host's: UTC of an exposure from the sensor's own time tag.
 #
-# A first byte is read some 0.1-20 ms late, never early; the sensor's tag has no such jitter. So the least
-# (host - sensor) difference of the last frames is the clock offset, and the tag gives the time. Differences are taken
-# on
-# the host's monotonic clock: a step of its UTC clock moves no frame against another.
+# A first byte is read some 0.1-20 ms late, never early; the sensor's tag has no such jitter. So the least (host -
+# sensor) difference of the last frames is the clock offset, and the tag gives the time. Differences are taken on the
+# host's monotonic clock: a step of its UTC clock moves no frame against another.
 
 WINDOW_FRAMES = 200
 """Frames that the least difference is taken over: good to some 30 us."""
@@ -115,18 +114,13 @@ class SensorClock:
 #
 # **Sequence numbers** tell duplicates (dropped, counted), gaps (frames lost) and restarts. A restart is also told by a
 # time tag of a panorama that jumps back, or by the sensor's own flag: an event SENSOR_RESET. Time tags of other
-# messages
-# are not asked: a STATUS may carry a later one than the panorama behind it. Frames marked as stored are older than
-# what
-# came before them and never look like a restart.
+# messages are not asked: a STATUS may carry a later one than the panorama behind it. Frames marked as stored are older
+# than what came before them and never look like a restart.
 #
 # **Steps of UTC.** Where the offset UTC - monotonic moves by 5 ms or more between two frames, the UTC clock was
-# stepped,
-# not slewed: an event CLOCK_STEP. Frames around it are left out of the statistics, see ``gse.station.exclusions``.
-# Where
-# the sensor's clock went along with UTC, by a second or more, UTC was right: a host that is suspended stops its
-# monotonic
-# clock.
+# stepped, not slewed: an event CLOCK_STEP. Frames around it are left out of the statistics, see
+# ``gse.station.exclusions``. Where the sensor's clock went along with UTC, by a second or more, UTC was right: a host
+# that is suspended stops its monotonic clock.
 
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""

@@ -1,4 +1,4 @@
-"""Attitude of the sensor from identified stars: Wahba's problem, solved by Davenport's method (gse.values.attitude)."""
+"""Attitude of the sensor from identified stars: Wahba's problem, solved by Davenport's method."""
 
 import math
 from dataclasses import dataclass
@@ -14,8 +14,7 @@ from gse.values.matrices import length, product
 #
 # The quaternion that minimises sum |b_i - A r_i|^2 / sigma_i^2 is the eigenvector of the greatest eigenvalue of a
 # symmetric 4 x 4 matrix. Its eigenvectors come from Jacobi rotations and not from the characteristic polynomial of
-# QUEST,
-# because these stay exact for turns of 180 deg and for stars close to each other.
+# QUEST, because these stay exact for turns of 180 deg and for stars close to each other.
 
 _MIN_SEPARATION_RAD = 1e-7
 """Directions closer than this (0.02 arcsec) to one line do not fix the roll."""
