@@ -11,7 +11,6 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 
 import serial
 
@@ -299,9 +298,7 @@ class SerialLink:
     def __enter__(self) -> "SerialLink":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from types import TracebackType
 
 from drivers.errors import CaptureError
 from drivers.host_files import READ, read_at
@@ -63,9 +62,7 @@ class FileWindow:
     def __enter__(self) -> "FileWindow":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _read(self, offset: int, size: int) -> bytes:

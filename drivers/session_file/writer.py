@@ -12,7 +12,6 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
 from mcap.writer import IndexType, Writer
 
@@ -163,9 +162,7 @@ class CaptureWriter(MessageWriter):
     def __enter__(self) -> "CaptureWriter":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _channel(self, topic: str) -> int:

@@ -14,7 +14,6 @@ from array import array
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError
@@ -168,9 +167,7 @@ class Recorder(MessageWriter):
     def __enter__(self) -> "Recorder":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _submit(self, item: RecordedMessage | Attachment) -> None:

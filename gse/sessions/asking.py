@@ -10,7 +10,6 @@ two of its chunks, in its own time.
 
 import contextlib
 import threading
-from types import TracebackType
 from typing import Self
 
 from drivers.errors import PortError
@@ -73,9 +72,7 @@ class Asking:
             return _WAIT_S
         return min(max((self._next_ns - self._now_ns()) / NS_PER_S, 0.001), _WAIT_S)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Ask no more; a sensor that was started is stopped."""
         with self._lock:
             self._is_over = True
