@@ -13,7 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.chunk import Chunk, LinkEvent
-from gse.station.reception import News, Reception, SensorClock, _brightest_first, chaos_in_words
+from gse.station.reception import (
+    HOTTEST_C,
+    LONGEST_EXPOSURE_S,
+    News,
+    Reception,
+    SensorClock,
+    _brightest_first,
+    chaos_in_words,
+)
 from gse.station.results import OwnAnswer
 from gse.values.instant import LAST_NS
 from gse.values.panorama import Panorama, Parts
@@ -378,7 +386,10 @@ def at_exposure(number: int, exposure_s: float, temperature_c: float = 20.0) -> 
 
 @pytest.mark.parametrize(
     ("exposure_s", "half_ns"),
-    [(0.0, 0), (0.25, 125_000_000), (3600.0, 1800 * 10**9), (3600.5, 0), (-0.25, 0), (math.nan, 0), (math.inf, 0)],
+    [
+        *((0.0, 0), (0.25, 125_000_000), (LONGEST_EXPOSURE_S, round(LONGEST_EXPOSURE_S / 2 * 1e9))),
+        *((invalid, 0) for invalid in (LONGEST_EXPOSURE_S + 0.5, -0.25, math.nan, math.inf)),
+    ],
 )
 def test_a_panorama_is_half_an_exposure_and_a_byte_before_it_came_and_without_a_valid_one_a_byte(
     exposure_s: float, half_ns: int
@@ -388,22 +399,26 @@ def test_a_panorama_is_half_an_exposure_and_a_byte_before_it_came_and_without_a_
     (panorama,) = panoramas(received(reception, Chunk(START_NS, BOOTED_NS, at_exposure(1, exposure_s))))
     assert panorama.utc_ns == START_NS - 1_000_000 - half_ns
     assert panorama.host_utc_ns == START_NS
-    is_valid = 0 <= exposure_s <= 3600
+    is_valid = 0 <= exposure_s <= LONGEST_EXPOSURE_S
     assert panorama.exposure_s == pytest.approx(exposure_s if is_valid else math.nan, nan_ok=True)
 
 
 @pytest.mark.parametrize(
-    ("came_c", "kept_c"), [(1e6, 1e6), (1.001e6, math.nan), (-1e6, -1e6), (-2e6, math.nan), (0.0, 0.0)]
+    ("came_c", "is_kept"),
+    [(0.0, True), *((sign * of * HOTTEST_C, of == 1) for sign in (1, -1) for of in (1, 1.001))],
 )
-def test_a_temperature_beyond_a_million_degrees_is_none(came_c: float, kept_c: float) -> None:
+def test_a_temperature_beyond_a_million_degrees_is_none(came_c: float, is_kept: bool) -> None:
     reception = Reception(FLOATS, baudrate=BAUDRATE)
     (panorama,) = panoramas(received(reception, Chunk(START_NS, BOOTED_NS, at_exposure(1, 0.1, came_c))))
-    assert panorama.temperature_c == pytest.approx(kept_c, nan_ok=True)
+    assert panorama.temperature_c == pytest.approx(came_c if is_kept else math.nan, nan_ok=True)
 
 
 @pytest.mark.parametrize(
     ("latency_s", "before_ns"),
-    [(0.25, 250_000_000), (0.0, 0), (3600.0, 3600 * 10**9), (3600.5, 0), (-0.25, 0), (math.nan, 0)],
+    [
+        *((0.25, 250_000_000), (0.0, 0), (LONGEST_EXPOSURE_S, round(LONGEST_EXPOSURE_S * 1e9))),
+        *((LONGEST_EXPOSURE_S + 0.5, 0), (-0.25, 0), (math.nan, 0)),
+    ],
 )
 def test_an_answer_of_a_sensor_without_panoramas_is_its_processing_time_and_a_byte_before_it_came(
     latency_s: float, before_ns: int

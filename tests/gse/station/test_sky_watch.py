@@ -17,6 +17,7 @@ from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
 from gse.station.sky_condition import (
+    MOON_GLARE_DEG,
     WINDOW_NS,
     ClearSky,
     Lights,
@@ -192,9 +193,12 @@ def test_the_moon_in_the_field_hides_stars_and_is_no_cloud() -> None:
     assert conditions[1] is not SkyCondition.CLOUDED
 
 
-@pytest.mark.parametrize(("beside_deg", "glares"), [(19.3, True), (20.3, False)])
-def test_the_moon_glares_within_ten_degrees_of_the_corner_of_the_field(beside_deg: float, glares: bool) -> None:
-    """The corner stands atan(512 sqrt(2) / 4169.9) = 9.85 deg from the boresight."""
+CORNER_DEG = math.degrees(math.atan(512 * math.sqrt(2) / 4169.9))
+
+
+@pytest.mark.parametrize(("more_deg", "glares"), [(-0.5, True), (0.5, False)])
+def test_the_moon_glares_so_far_from_the_corner_of_the_field(more_deg: float, glares: bool) -> None:
+    beside_deg = CORNER_DEG + MOON_GLARE_DEG + more_deg
     moonlit_ns = from_text("2026-03-05T16:00:00Z")
     _, moon = sun_and_moon_horizon(STATION.site, np.array([moonlit_ns]))
     azimuth_deg, altitude_deg = math.degrees(math.atan2(moon[0, 0], moon[0, 1])), math.degrees(math.asin(moon[0, 2]))
