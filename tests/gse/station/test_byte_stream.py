@@ -1,11 +1,13 @@
 """Frames in received bytes, with the stamps of the chunk that holds their first byte."""
 
 import hashlib
+import random
 
 import numpy as np
+import pytest
 
 from drivers.chunk import Chunk
-from gse.station.byte_stream import ByteStream
+from gse.station.byte_stream import ByteMarks, ByteStream
 from gse.station.results import LinkCounters
 from protocols import PanoramaMessage, load_protocol
 
@@ -140,3 +142,39 @@ def test_chunks_that_come_together_give_what_they_give_one_by_one():
 def test_no_chunks_give_no_frames():
     bytes_in, counters = stream()
     assert (bytes_in.feed(), bytes_in.finish(), counters.bytes_in) == ([], [], 0)
+
+
+# What was done to the bytes on the way
+
+
+def said(data: bytes, *, pieces: int = 1, protocol: str = "panorama-v1") -> str:
+    marks = ByteMarks(load_protocol(protocol))
+    size = -(-len(data) // pieces)
+    for at in range(0, len(data), max(size, 1)):
+        marks.feed(data[at : at + size])
+    return marks.said()
+
+
+DONE = {
+    "XON/XOFF": lambda data: data.translate(None, b"\x11\x13"),
+    "onlcr": lambda data: data.replace(b"\n", b"\r\n"),
+    "icrnl": lambda data: data.replace(b"\r", b"\n"),
+    "inlcr": lambda data: data.replace(b"\n", b"\r"),
+    "telnet": lambda data: data.replace(b"\xff", b"\xff\xff"),
+}
+
+
+@pytest.mark.parametrize("pieces", [1, 700, 9000])
+@pytest.mark.parametrize("name", DONE)
+def test_what_was_done_to_the_bytes_is_named_however_they_are_cut(name: str, pieces: int) -> None:
+    assert name in said(DONE[name](random.Random(1).randbytes(9000)), pieces=pieces)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_untouched_bytes_say_nothing(seed: int) -> None:
+    assert said(random.Random(seed).randbytes(6000)) == ""
+
+
+def test_few_bytes_and_lines_of_text_say_nothing() -> None:
+    assert said(DONE["XON/XOFF"](random.Random(1).randbytes(1000))) == ""
+    assert said(DONE["onlcr"](random.Random(1).randbytes(9000)), protocol="text-lines") == ""

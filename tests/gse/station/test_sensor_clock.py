@@ -59,14 +59,3 @@ def test_a_step_of_the_host_s_utc_moves_the_time_at_once():
     clock = SensorClock()
     first = clock.utc_ns(0, arrived_mono_ns=100, utc_minus_mono_ns=0)
     assert clock.utc_ns(1, arrived_mono_ns=1200, utc_minus_mono_ns=5 * NS_PER_S) == first + 1000 + 5 * NS_PER_S
-
-
-def test_a_clock_that_starts_anew_knows_nothing_of_before_and_begins_its_window_anew():
-    """One early frame counts for 200 frames from the restart on, and no longer."""
-    clock = SensorClock()
-    for _ in range(150):
-        clock.utc_ns(0, arrived_mono_ns=-5000, utc_minus_mono_ns=0)
-    clock.reset()
-    found = [clock.utc_ns(0, arrived_mono_ns=0 if number == 0 else 1000, utc_minus_mono_ns=7) for number in range(202)]
-    assert found[:200] == [7] * 200
-    assert found[200:] == [1007] * 2

@@ -17,7 +17,7 @@ from gse.station.own_answers import OWN_ERROR
 from gse.station.results import AnswerCheck, LinkCounters, Status
 from gse.values.limits import Limits
 from gse.view.live_state import ErrorsSoFar, LiveState, SessionSoFar
-from gse.view.status import StatusLine
+from gse.view.status import Announcer, StatusLine
 from gse.view.verdict_text import verdict_so_far
 
 
@@ -213,3 +213,42 @@ def test_either_axis_of_the_sensors_own_answers_is_held_against_its_limit(d_ra_a
     errors["d_ra_cosde_arcsec"], errors["d_de_arcsec"] = d_ra_arcsec, d_de_arcsec
     errors["d_ra_cosde_arcsec"][2] = errors["d_de_arcsec"][2] = np.nan
     assert so_far.with_own(errors).outside == words
+
+
+# The operator is told of events
+
+
+def test_each_kind_of_event_is_said_once_and_then_counted() -> None:
+    said: list[str] = []
+    teller = Announcer(said.append)
+    for number in range(5):
+        teller.on_event(LinkEvent(1_774_000_000_000_000_000 + number, 0, "LOST", "the port is gone"))
+        teller.on_event(LinkEvent(1_774_000_000_000_000_000 + number, 0, "STREAMING", "valid frames come"))
+    teller.on_event(LinkEvent(0, 0, "CLOCK_STEP", "the clock stepped"))
+    assert said == [
+        "2026-03-20T09:46:40.0Z LOST: the port is gone",
+        "2026-03-20T09:46:40.0Z STREAMING: valid frames come",
+        "before the first byte CLOCK_STEP: the clock stepped",
+    ]
+    teller.conclude()
+    assert said[3:] == ["repeated events: LOST 4 x"]
+
+
+def test_a_second_full_disk_is_said_like_the_first() -> None:
+    said: list[str] = []
+    teller = Announcer(said.append)
+    for _ in range(2):
+        teller.on_event(LinkEvent(0, 0, "RECORDER_REFUSED", "the disk is full"))
+        teller.on_event(LinkEvent(0, 0, "RECORDER_RECOVERED", "it takes bytes again"))
+    teller.conclude()
+    assert len(said) == 4
+
+
+def test_one_repetition_is_counted_and_a_single_event_is_not() -> None:
+    said: list[str] = []
+    teller = Announcer(said.append)
+    for kind, count in (("LOST", 2), ("FROZEN", 1), ("BACKLOG", 3)):
+        for number in range(count):
+            teller.on_event(LinkEvent(1, 0, kind, f"{kind} {number}"))
+    teller.conclude()
+    assert said[-1] == "repeated events: LOST 1 x, BACKLOG 2 x"
