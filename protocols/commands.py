@@ -178,8 +178,8 @@ class AwaitedAnswer:
         """Why there is no answer, once the time-out is over."""
         layout = self._layout
         differs = self._condition.what_differs(self._values) if self._condition else ""
-        came = self.wrong or differs or "nothing came"
-        return f"no answer to {layout.name} within {layout.timeout_s:g} s: expected {layout.expected}; {came}"
+        came = "; ".join(filter(None, (self.wrong, differs))) or f"nothing came (expected {layout.expected})"
+        return f"no answer to {layout.name} within {layout.timeout_s:g} s: {came}"
 
     def take(self, frame: Frame) -> Answered | None:
         """What a frame says of the command; None where it says nothing."""
@@ -200,7 +200,7 @@ class AwaitedAnswer:
         if "sequence" in counts[type(message)] and message.sequence not in self._sequences:
             return None
         if "command" in counts[type(message)] and message.command != name:
-            self.wrong = f"{type(message).__name__.upper()} of {message.command} came"
+            self.wrong = f"{type(message).__name__.upper()} of {message.command} came, not of {name}"
             return None
         if isinstance(message, Nak):
             text = f"the sensor refuses {name}: {message.reason or 'it gives no reason'}"

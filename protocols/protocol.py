@@ -194,6 +194,17 @@ class Protocol:
             return Other(PART, frame.payload)
         return self._codecs[frame.type].decode(frame.payload)
 
+    def blank(self, type_name: str) -> bytes:
+        """A payload of a message in which nothing is said yet."""
+        return self._codecs[type_name].layout.blank
+
+    @property
+    def first_reason(self) -> str:
+        """A reason for which NAK refuses a command; empty where it gives none."""
+        fields = self._codecs["NAK"].layout.fields if "NAK" in self._codecs else ()
+        words = next((field.words for field in fields if field.name == "reason"), {})
+        return next(iter(words.values()), "")
+
     def item_numbers(self, type_name: str, payloads: Sequence[bytes]) -> NDArray[np.float64]:
         """The items (N, K) of messages of one type, in the order of ``items_by_message``; words as their numbers."""
         return self._codecs[type_name].items(payloads, [item.field for item in self.items_by_message[type_name]])

@@ -10,10 +10,12 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Protocol as Interface
 
 import numpy as np
 
+from gse.simulator.items import SimulatedItems
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.scenario import Firmware as Traits
@@ -21,7 +23,6 @@ from gse.simulator.scenario import profile_at
 from gse.values.instant import NS_PER_S
 from gse.values.sensor_time import tag_us_of, to_middle_us
 from protocols import (
-    Ack,
     AttitudeMessage,
     Command,
     Discard,
@@ -96,6 +97,7 @@ class SensorFirmware:
         panoramas. A stream that ``is_test`` says in each frame that it comes from no detector; in a format without a
         flag for it, STATUS says so, by the serial number 0, as soon as the sensor is ready.
         """
+        self._items = SimulatedItems(protocol, traits)
         self._header_flags = protocol.test_flag if is_test else 0
         self._says_by_status = is_test and not protocol.test_flag
         self._protocol, self._detector, self._traits, self._random = protocol, detector, traits, random
@@ -123,11 +125,17 @@ class SensorFirmware:
         self._decoder = FrameDecoder(self._protocol, from_sensor=False, echoes=True)
         self._refused_at = -1
         self._processed: deque[tuple[int, AttitudeMessage]] = deque()
+        self._items.power_on(power_on_ns)
+        self._items_due_ns = ready_ns
+        self._late: list[tuple[int, Command, int]] = []
 
     @property
     def due_ns(self) -> int | None:
         """Instant of the next action; None while the sensor only waits for commands."""
         dues = [*self._resets_ns[:1], *(ready_ns for ready_ns, _ in list(self._processed)[:1])]
+        dues += [due_ns for due_ns, _, _ in self._late]
+        if self._items.periodic:
+            dues.append(self._items_due_ns)
         if self._next_start_ns is not None:
             dues.append(self._next_start_ns + self._exposure_ns)
         return min(dues, default=None)
@@ -143,6 +151,13 @@ class SensorFirmware:
             boot_s = self._traits.boot_s * float(self._random.uniform(1, _SLOWEST_BOOT))
             self._power_on(due_ns, due_ns + round(boot_s * NS_PER_S))
             return []
+        if self._late and due_ns == min(self._late, key=itemgetter(0))[0]:
+            late = min(self._late, key=itemgetter(0))
+            self._late.remove(late)
+            return self._said(self._done(late[1], late[2], due_ns), due_ns)
+        if self._items.periodic and due_ns == self._items_due_ns:
+            self._items_due_ns += round(self._traits.items_every_s * NS_PER_S)
+            return [self._send(self._items.message(name), due_ns) for name in self._items.periodic]
         if self._processed and due_ns == self._processed[0][0]:
             ready_ns, message = self._processed.popleft()
             return [self._send(message, ready_ns)]
@@ -156,10 +171,15 @@ class SensorFirmware:
         pieces = self._decoder.feed(data)
         for piece in (*pieces, self._decoder.refused):
             answers = self._obey(piece, utc_ns) if isinstance(piece, Frame) else self._refuse_bytes(piece)
-            for answer in answers:
-                # A protocol without ACK or STATUS makes a sensor that does not answer.
-                with contextlib.suppress(EncodeError):
-                    sent.append(self._send(answer, utc_ns + _ANSWER_NS))
+            sent += self._said(answers, utc_ns + _ANSWER_NS)
+        return sent
+
+    def _said(self, answers: Iterator[Message], ready_ns: int) -> list[Transmission]:
+        """Answers on the wire; a protocol without ACK or STATUS makes a sensor that does not answer."""
+        sent = []
+        for answer in answers:
+            with contextlib.suppress(EncodeError):
+                sent.append(self._send(answer, ready_ns))
         return sent
 
     @property
@@ -237,15 +257,27 @@ class SensorFirmware:
         if not isinstance(command, Command):
             yield self._refuse(frame.type, "unknown", frame.sequence)
             return
-        asked_s = self._asked_s(command)
-        if not self._is_in_range(command, asked_s):
+        sequence = max(frame.sequence, 0)
+        fault = self._items.fault_of(command)
+        if not self._is_in_range(command, self._asked_s(command)):
             yield self._refuse(frame.type, "out of range", frame.sequence)
-            return
+        elif fault is None:
+            yield from self._done(command, sequence, utc_ns)
+        elif fault.fault == "nak":
+            self._commands_bad = (self._commands_bad + 1) % _COUNTERS_WRAP_AT
+            yield self._items.refusal(command, sequence)
+        elif fault.fault == "late":
+            self._late.append((utc_ns + round(fault.late_s * NS_PER_S), command, sequence))
+        elif fault.fault == "wrong":
+            self._items.obey(command, wrongly=True)
+            yield from self._items.wrong_answers(command, sequence)
+
+    def _done(self, command: Command, sequence: int, utc_ns: int) -> Iterator[Message]:
+        """Do what a command says; what proves it."""
+        asked_s = self._asked_s(command)
         self._commands_ok = (self._commands_ok + 1) % _COUNTERS_WRAP_AT
+        self._items.obey(command)
         match command.name:
-            case "PING":
-                yield self._status(utc_ns, self._temperature_c(utc_ns))
-                return
             case "START":
                 self._period_s = asked_s
                 self._next_start_ns = max(utc_ns, self._next_start_ns or 0)
@@ -255,7 +287,9 @@ class SensorFirmware:
                 self._next_start_ns = self._next_start_ns or utc_ns
             case "SET_EXPOSURE":
                 self._exposure_s = asked_s
-        yield Ack(frame.type, max(frame.sequence, 0))
+        if "STATUS" in self._items.proofs(command):
+            yield self._status(utc_ns, self._temperature_c(utc_ns))
+        yield from self._items.answers(command, sequence)
 
     def _asked_s(self, command: Command) -> float:
         """The period in START, the exposure in SET_EXPOSURE; the sensor's own where the protocol does not say it."""
@@ -294,7 +328,8 @@ class SensorFirmware:
         protocol = self._protocol
         counter = name_of(message) if protocol.counts_each_message else ""
         sequence = self._sequence.get(counter, 0)
-        data = protocol.encode(message, sequence, self._header_flags)
+        items = self._items.values(ready_ns) if name_of(message) in self._items.carriers else {}
+        data = protocol.encode(message, sequence, self._header_flags, items)
         steps = protocol.frames_of(message) * protocol.sequence_step
         self._sequence[counter] = (sequence + steps) % (protocol.sequence_modulus or 1)
         start_ns = max(ready_ns, self._line_free_ns)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -137,6 +137,19 @@ class AnswersSection(_ScenarioSection):
     """A half-duplex adapter gives back what it is sent."""
 
 
+class CommandFault(_ScenarioSection):
+    """How the answer to a command is spoiled: refused, late, wrong (of another command, another value) or none."""
+
+    fault: Literal["nak", "late", "wrong", "silent"]
+    late_s: Annotated[float, Field(gt=0, le=600)] = 2.0
+    times: Annotated[int, Field(ge=1, le=10**6)] | None = None
+    """How often; always where it is null."""
+
+
+_ItemProfile = Annotated[tuple[tuple[float, float | str], ...], Field(min_length=1, max_length=1000)]
+"""(seconds since power-on, value): numbers linear between, words until the next one."""
+
+
 class Firmware(_ScenarioSection):
     """Traits of the sensor's computer."""
 
@@ -159,6 +172,12 @@ class Firmware(_ScenarioSection):
     delay_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0
     """From the end of an exposure to the first byte of its frame: reading out and thinking."""
     answers: AnswersSection = AnswersSection()
+    items: dict[str, _ItemProfile] = {}
+    """Items of the protocol by name; one that is not here has a value within its limits."""
+    items_every_s: Annotated[float, Field(ge=0.001, le=36_000)] = 1.0
+    """Time between messages that have items only; one that a command asks for comes as its answer."""
+    commands: dict[str, CommandFault] = {}
+    """Commands of the protocol whose answers are spoiled."""
 
 
 class AttitudeSection(_ScenarioSection):
