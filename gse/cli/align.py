@@ -4,24 +4,36 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from gse.cli import EXIT_FAIL
 from gse.cli.files import damage_code, write_new
-from gse.cli.options import fit_options
+from gse.cli.options import fit_options, say
 from gse.config.choice import change_to
 from gse.config.edit import with_values
+from gse.errors import UsageError
+from gse.process.terminal import working
 from gse.station.attitude_error import attitude_error
 from gse.station.mount_alignment import CrossValidation, MeasuredMounts, cross_validated
 from gse.statistics.uncertainty import TO_STANDARD
 from gse.truth import Alignment, horizon_to_sensor
 from gse.values.attitude import Attitude
 from gse.values.mount import Mount
+from gse.values.screen import Screen
+from gse.values.shown import ShownSky
+
+if TYPE_CHECKING:
+    from gse.imaging.screen_fit import ScreenFit
+    from gse.sessions.panoramas import Recording
 
 _NEAR_ZENITH_DEG = 89.9
+MIRRORED = (
+    "the sensor sees the screen mirrored: switch the mirroring of the monitor off; where a mirror stands in the way, "
+    "or the sensor's own picture is mirrored, state sensor.mirrored"
+)
 
 
 @click.command("align")
@@ -54,19 +66,26 @@ def command(
     A fit takes up a wrong sign of the latitude, a clock at local time or an azimuth from south, and hides it. So the
     angles that the station file states are compared with the fit: where a mistake of degrees explains the difference it
     is named, nothing is written without --accept-gross, and the exit code is 1.
+
+    Before a screen, the screen is fitted instead: how the sensor looks at it, its focal length or distance, distortion,
+    gamma and latency, each with its uncertainty; --write states them. The camera of the sensor is taken as it is
+    stated. FILE is a session of 'gse run --scene screen-fit'.
     """
+    from drivers.mock.playback import is_session
     from gse.cli.progress import replay_with_progress
     from gse.diagnosis.gross_causes import gross_finding
+    from gse.sessions.panoramas import open_recording
     from gse.sessions.replay import ReplayOptions
     from gse.statistics.counted_frames import counted_frames
 
+    options, change = ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc), change_to(station_path)
+    if is_session(path) and (recording := open_recording(path, options, change)).station.screen is not None:
+        # The page drew for the session's own screen, whatever --station says of it now.
+        drawn_for = open_recording(path, options).station.screen
+        _fit_screen(recording, drawn_for or recording.station.screen, write_path, as_json=as_json)
+        ctx.exit(damage_code(path, damaged=recording.damaged))
     measured = MeasuredMounts()
-    replay = replay_with_progress(
-        path,
-        lambda loop, folder: [measured],
-        ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc),
-        change_to(station_path),
-    )
+    replay = replay_with_progress(path, lambda loop, folder: [measured], options, change)
     validation = cross_validated(measured, replay.session)
     gross = gross_finding(replay.session, counted_frames(replay.session))
     refused = gross is not None and not accept_gross
@@ -85,6 +104,72 @@ def command(
         written = "nothing is written: " if refused and write_path is not None else ""
         click.echo(f"{written}the fit hides a gross difference from the stated set-up: {gross}", err=True)
     ctx.exit(lost or (EXIT_FAIL if refused else 0))
+
+
+def _fit_screen(recording: "Recording", drawn_for: Screen | None, write_path: Path | None, *, as_json: bool) -> None:
+    from gse.imaging.screen_fit import fit_screen, seen_stars
+    from gse.imaging.session_fit import PanoramaSample, identified
+    from gse.station.setup import set_up
+
+    station, sample = recording.station, PanoramaSample()
+    assert drawn_for is not None
+    with working("fitting the screen"):
+        for panorama in recording.panoramas():
+            sample.add(panorama)
+        if not sample.panoramas or not recording.shown:
+            raise UsageError("the session holds nothing that a screen showed; record one: gse run --scene screen-fit")
+        setup = set_up(
+            station,
+            recording.station_text,
+            utc_ns=sample.panoramas[0].utc_ns,
+            protocol_text=recording.protocol.text,
+            tell=say,
+        )
+        named, camera = identified(sample, setup.camera, setup.of_true_stars)
+        if camera.mirrored != setup.camera.mirrored:
+            raise UsageError(MIRRORED)
+        catalog, sky = setup.of_true_stars.catalog, ShownSky(list(recording.shown))
+        seen = seen_stars(named, catalog.icrs, catalog.magnitude, sky)
+        fit = fit_screen(seen, sky, drawn_for, setup.camera, station.sensor.index_max)
+    values = _screen_values(fit.screen)
+    if write_path is not None:
+        write_new(write_path, with_values(recording.station_text, "screen", values))
+    report = {"schema": "gse.screen-fit/1", **values, "stars": fit.stars, "rms_px": round(fit.rms_px, 4),
+              "held": list(fit.held)}  # fmt: skip
+    click.echo(json.dumps(report) if as_json else "\n".join(_screen_lines(fit, drawn_for)))
+
+
+def _screen_values(screen: Screen) -> dict[str, Any]:
+    """What a fit gives, as the station file states it."""
+    away = "focal_length_mm" if screen.focal_length_mm is not None else "distance_mm"
+    names = (away, "radial_distortion", "gamma", "latency_ms", "latency_uncertainty_ms", "to_sensor", "uncertainty")
+    stated = dataclasses.asdict(screen)
+    return {name: list(stated[name]) if isinstance(stated[name], tuple) else stated[name] for name in names}
+
+
+def _screen_lines(fit: "ScreenFit", stated: Screen) -> list[str]:
+    """The fitted screen beside the stated one, for a person."""
+    screen, known = fit.screen, fit.screen.uncertainty
+    away, was = screen.focal_length_mm or screen.distance_mm, stated.focal_length_mm or stated.distance_mm
+    looks, looked = screen.to_sensor, stated.to_sensor
+    across_deg, roll_deg = looks.uncertainty.across_arcsec / 3600, looks.uncertainty.roll_arcsec / 3600
+    rows = (
+        ("to_sensor.x_deg", looks.x_deg, across_deg, looked.x_deg),
+        ("to_sensor.y_deg", looks.y_deg, across_deg, looked.y_deg),
+        ("to_sensor.roll_deg", looks.roll_deg, roll_deg, looked.roll_deg),
+        ("focal_length_mm" if screen.focal_length_mm else "distance_mm", away, known.away_mm, was),
+        ("radial_distortion k1", screen.radial_distortion[0], known.radial_distortion[0], stated.radial_distortion[0]),
+        ("radial_distortion k2", screen.radial_distortion[1], known.radial_distortion[1], stated.radial_distortion[1]),
+        ("gamma", screen.gamma, known.gamma, stated.gamma),
+        ("latency_ms", screen.latency_ms, screen.latency_uncertainty_ms, stated.latency_ms),
+    )
+    held = [f"as stated, since the stars do not show it: {', '.join(fit.held)}"] if fit.held else []
+    return [
+        f"{'screen':22}{'fitted':>12}   {'+- (95 %)':>10}{'stated':>12}",
+        *(f"{name:22}{value:12.5f} +-{width:11.5f}{before:12.5f}" for name, value, width, before in rows),
+        f"{fit.stars} stars; {fit.rms_px:.3f} px of the sensor are left, rms",
+        *held,
+    ]
 
 
 def _uncertainty(fit: Alignment) -> dict[str, object]:

@@ -30,7 +30,7 @@ from gse.values.camera import LEAST_SCALE, Camera
 from gse.values.identifier_options import IdentifierOptions
 from gse.values.limits import Limits
 from gse.values.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
-from gse.values.screen import Screen, ScreenToSensor
+from gse.values.screen import Screen, ScreenToSensor, ScreenUncertainty
 from gse.values.site import Site, SiteUncertainty
 from protocols.description import TimeDescription
 from protocols.yaml_text import load_document
@@ -132,6 +132,7 @@ for _values in (
     Limits,
     Screen,
     ScreenToSensor,
+    ScreenUncertainty,
     Rs485,
 ):
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too

@@ -146,6 +146,15 @@ def calibrate_session(
 _Named = tuple[Panorama, Identification]
 
 
+def identified(sample: PanoramaSample, camera: Camera, identifier: Identifier) -> tuple[list[_Named], Camera]:
+    """The panoramas of a sample with their answers by the camera that their stars fit, and that camera.
+
+    So no star is left out because it stands elsewhere than the stated camera has it. UsageError where nothing answers.
+    """
+    fitted = calibrate_session(sample, camera, identifier, None, tangential=True).calibration.camera
+    return _identified(sample.percentiles(MAX_PANORAMAS), fitted, identifier), fitted
+
+
 def star_fields(
     sample: PanoramaSample, camera: Camera, identifier: Identifier, truth: SiderealTruth | None
 ) -> list[StarField]:

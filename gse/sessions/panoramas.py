@@ -19,6 +19,7 @@ from gse.station.reception import Reception
 from gse.station.setup import addressed
 from gse.truth import EarthOrientation
 from gse.values.panorama import Panorama
+from gse.values.shown import Shown
 from protocols import Protocol, load_protocol, parse_protocol
 
 RECEIVE_TIMEOUT_S = 0.2
@@ -28,7 +29,7 @@ RECEIVE_TIMEOUT_S = 0.2
 class Recording:
     """A session with its station file, wire format and frozen Earth orientation (None where it has none).
 
-    ``damaged``: a part of it is missing.
+    ``damaged``: a part of it is missing. ``shown`` is what a screen showed.
     """
 
     path: Path
@@ -39,6 +40,7 @@ class Recording:
     earth_orientation: EarthOrientation | None
     damaged: bool = False
     anchor_utc_ns: int | None = None
+    shown: tuple[Shown, ...] = ()
 
     def panoramas(self) -> Iterator[Panorama]:
         """The panoramas, in order, through the same link and reception as a live sensor's."""
@@ -90,7 +92,8 @@ def open_recording(
     orientation = attachments.get(EARTH_ORIENTATION)
     earth_orientation = EarthOrientation.from_json(orientation) if orientation else None
     anchor_utc_ns = stated_start_ns(attachments)
-    return Recording(path, options, station, text, protocol, earth_orientation, recorded.damaged, anchor_utc_ns)
+    shown, damaged = tuple(recorded.shown), recorded.damaged
+    return Recording(path, options, station, text, protocol, earth_orientation, damaged, anchor_utc_ns, shown)
 
 
 def _raw_capture(path: Path, options: ReplayOptions, change: Callable[[StationText], StationText]) -> Recording:

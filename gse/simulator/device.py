@@ -194,11 +194,12 @@ def detector_of(station: Station, scenario: Scenario, options: dict[str, str]) -
     level, device, random = options.get("level", LEVELS[0]), scenario.device_for(station), _generators(options)[0]
     if level not in LEVELS:
         raise UrlError(f"sim://: level={level} does not work: expected one of {', '.join(LEVELS)}")
+    drawn_for = scenario.station_for(station).screen
     if level == "panorama":
-        return PanoramaSource(device, scenario, random)
+        return PanoramaSource(device, scenario, random, drawn_for=drawn_for)
     from gse.simulator.image import ImageSource  # numba takes a second to import
 
-    return ImageSource(device, scenario, random, sub_pixel=level == "image-sub-pixel")
+    return ImageSource(device, scenario, random, sub_pixel=level == "image-sub-pixel", drawn_for=drawn_for)
 
 
 def _number(options: dict[str, str], name: str, default: float, least: float, most: float) -> float:

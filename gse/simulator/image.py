@@ -18,6 +18,7 @@ from gse.simulator.photometry import BIAS_INDEX, Photometry
 from gse.simulator.scenario import Scenario
 from gse.simulator.scene import scene_of
 from gse.values.matrices import product
+from gse.values.screen import Screen
 
 FAINTEST_MAGNITUDE = 9.0
 _GRID = 17
@@ -36,10 +37,16 @@ class ImageSource:
     """The same detector as PanoramaSource, pixel by pixel; ``sub_pixel`` extracts centres of light."""
 
     def __init__(
-        self, station: Station, scenario: Scenario, random: np.random.Generator, *, sub_pixel: bool = False
+        self,
+        station: Station,
+        scenario: Scenario,
+        random: np.random.Generator,
+        *,
+        sub_pixel: bool = False,
+        drawn_for: Screen | None = None,
     ) -> None:
         self._scenario, self._random, self._sub_pixel = scenario, random, sub_pixel
-        self._scene = scene_of(station, scenario, random)
+        self._scene = scene_of(station, scenario, random, drawn_for=drawn_for)
         self._camera = self._scene.camera
         self._photometry = Photometry.from_scenario(station.sensor, scenario)
         self._response, self._dark = _detector(station, scenario, random)

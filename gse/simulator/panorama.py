@@ -17,6 +17,7 @@ from gse.simulator.scenario import Scenario
 from gse.simulator.scene import scene_of
 from gse.values.constants import ARCSEC_PER_RAD
 from gse.values.panorama import MAX_OBJECTS
+from gse.values.screen import Screen
 
 OVEREXPOSED = "overexposed"
 """The status bit, in the words of the protocols."""
@@ -39,9 +40,11 @@ class Exposure:
 class PanoramaSource:
     """The detector behind its optics under the simulated sky; ``station`` is what the device really is."""
 
-    def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator) -> None:
+    def __init__(
+        self, station: Station, scenario: Scenario, random: np.random.Generator, *, drawn_for: Screen | None = None
+    ) -> None:
         self._scenario, self._random = scenario, random
-        self._scene = scene_of(station, scenario, random, _FOOTPRINT_PX)
+        self._scene = scene_of(station, scenario, random, _FOOTPRINT_PX, drawn_for=drawn_for)
         self._camera = self._scene.camera
         self._photometry = Photometry.from_scenario(station.sensor, scenario)
         self._noise_px = scenario.optics.position_noise_arcsec / ARCSEC_PER_RAD / self._camera.pixel_rad

@@ -16,6 +16,7 @@ from gse.values.constants import ARCSEC_RAD
 from gse.values.instant import NS_PER_S, to_julian_year
 from gse.values.matrices import product
 from gse.values.mount import Mount
+from gse.values.screen import Screen
 
 # Where a mount points: turns of the head, one after the other.
 #
@@ -286,14 +287,22 @@ class ShownScene(SimulatedScene):
     """What a star simulator shows: the catalogue's stars about a stated direction, without Earth, air, Sun or planets.
 
     The direction is ``mount.inertial`` of the station, or what the steps of the scenario's scene say. The lens may
-    have a cap on, dew and dust before it, and the stand may move, as under the sky.
+    have a cap on, dew and dust before it, and the stand may move, as under the sky. The page draws for the ``stated``
+    screen, and the station's own is the real one: where they differ, the stars stand elsewhere, later, and brighter or
+    fainter.
     """
 
     def __init__(
-        self, station: Station, scenario: Scenario, random: np.random.Generator, merged_within_px: float = 0.0
+        self,
+        station: Station,
+        scenario: Scenario,
+        random: np.random.Generator,
+        merged_within_px: float = 0.0,
+        stated: Screen | None = None,
     ) -> None:
         super().__init__(station, scenario, random, merged_within_px)
         self._station = station
+        self._drawn_for = stated if station.screen is not None and stated != station.screen else None
         self._catalog: StarCatalog | None = None
         self._picked_about = np.zeros(3)
 
@@ -347,11 +356,20 @@ class ShownScene(SimulatedScene):
         return [np.concatenate([xy, false_px]) for xy in places], np.concatenate([magnitude, false_magnitudes(scene)])
 
     def _through_air(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
-        return points.magnitude
+        real, stated = self._station.screen, self._drawn_for
+        if real is None or stated is None:
+            return points.magnitude
+        fainter = np.maximum(points.magnitude - stated.brightest_magnitude, 0.0)
+        return np.asarray(stated.brightest_magnitude + fainter * real.gamma / stated.gamma)
 
     def _pixels(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
-        moved = product(moved_by(self._scenario.motion, self.since_start_s(utc_ns)), self.icrs_to_sensor(utc_ns))
-        return self.camera.pixels(product(points.track.nodes[0], moved.T))
+        moved = moved_by(self._scenario.motion, self.since_start_s(utc_ns))
+        real, stated, stars = self._station.screen, self._drawn_for, points.track.nodes[0]
+        if real is None or stated is None:
+            return self.camera.pixels(product(stars, product(moved, self.icrs_to_sensor(utc_ns)).T))
+        drawn_ns = utc_ns - round((real.latency_ms - stated.latency_ms) * 1e6)
+        page_px = stated.camera().pixels(product(stars, _on_screen(self._station, self._scenario, drawn_ns).T))
+        return self.camera.pixels(product(real.camera().directions(page_px), product(moved, _looks(real)).T))
 
 
 def icrs_to_sensor(station: Station, scenario: Scenario, utc_ns: int) -> NDArray[np.float64]:
@@ -359,20 +377,27 @@ def icrs_to_sensor(station: Station, scenario: Scenario, utc_ns: int) -> NDArray
 
     Written from the words of gse.values, not from gse.truth, as ``horizon_to_sensor`` is.
     """
+    rotation = _on_screen(station, scenario, utc_ns)
+    return rotation if station.screen is None else np.asarray(product(_looks(station.screen), rotation))
+
+
+def _on_screen(station: Station, scenario: Scenario, utc_ns: int) -> NDArray[np.float64]:
+    """The same of a sensor that looks straight at the middle of the screen."""
     shown = station.mount.inertial
     assert shown is not None
     if scenario.scene.steps:
-        rotation = _of_scene(scenario, utc_ns)
-    else:
-        since_h = (utc_ns - shown.at_utc_ns) / NS_PER_S / 3600  # arcsec/s are deg/h
-        angles = zip((shown.ra_deg, shown.de_deg, shown.roll_deg), shown.rates_arcsec_per_s, strict=True)
-        rotation = _looking_at(*(angle + rate * since_h for angle, rate in angles))
-    if station.screen is None:
-        return rotation
-    looks = station.screen.to_sensor
+        return _of_scene(scenario, utc_ns)
+    since_h = (utc_ns - shown.at_utc_ns) / NS_PER_S / 3600  # arcsec/s are deg/h
+    angles = zip((shown.ra_deg, shown.de_deg, shown.roll_deg), shown.rates_arcsec_per_s, strict=True)
+    return _looking_at(*(angle + rate * since_h for angle, rate in angles))
+
+
+def _looks(screen: Screen) -> NDArray[np.float64]:
+    """How the sensor's head is turned before a screen."""
+    looks = screen.to_sensor
     # To look further right is a turn about down, further down one against right.
     tilt = product(_about(0, math.degrees(math.atan(_tan(looks.y_deg) * _cos(looks.x_deg)))), _about(1, -looks.x_deg))
-    return np.asarray(product(_about(2, looks.roll_deg), tilt, rotation))
+    return np.asarray(product(_about(2, looks.roll_deg), tilt))
 
 
 def step_at(scenario: Scenario, utc_ns: int) -> tuple[int, float]:
@@ -416,11 +441,19 @@ def _cos(angle_deg: float) -> float:
 
 
 def scene_of(
-    station: Station, scenario: Scenario, random: np.random.Generator, merged_within_px: float = 0.0
+    station: Station,
+    scenario: Scenario,
+    random: np.random.Generator,
+    merged_within_px: float = 0.0,
+    drawn_for: Screen | None = None,
 ) -> SimulatedScene:
-    """What the camera of a device looks at: the sky, or a star simulator where its mount is fixed to the stars."""
-    scene = SimulatedScene if station.mount.inertial is None else ShownScene
-    return scene(station, scenario, random, merged_within_px)
+    """What the camera of a device looks at: the sky, or a star simulator where its mount is fixed to the stars.
+
+    A page draws the stars for the screen ``drawn_for``, mostly the device's own.
+    """
+    if station.mount.inertial is None:
+        return SimulatedScene(station, scenario, random, merged_within_px)
+    return ShownScene(station, scenario, random, merged_within_px, drawn_for)
 
 
 class Satellites:

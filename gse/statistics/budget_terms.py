@@ -531,6 +531,10 @@ _SPOT_PX = 0.005
 """Standard uncertainty of a spot's centre on the panel: 256 levels, measured in a browser (docs/screen.md)."""
 
 
+_STARS = 10
+"""Of an answer, at least, for the effect of the scale."""
+
+
 def screen_terms(screen: Screen, sky: ShownSky) -> Iterator[Term]:
     """How screen and sensor stand to each other, the grid of the panel, and the time of a scene that turns."""
     yield from _standing("screen", "screen.to_sensor.uncertainty", screen.to_sensor.uncertainty)
@@ -547,6 +551,24 @@ def screen_terms(screen: Screen, sky: ShownSky) -> Iterator[Term]:
         remedy="use a panel with smaller pixels, or a longer lens",
         corrected=False,
     )
+    away_mm = screen.focal_length_mm or screen.distance_mm or math.nan
+    scale = TO_STANDARD * screen.uncertainty.away_mm / away_mm
+    if scale:
+        # Stars about one side of the field take the attitude along by a share of how far they stand out.
+        half_width = math.atan2(screen.columns / 2, screen.camera().focal_length_px) * ARCSEC_PER_RAD
+        moved = scale * half_width / math.sqrt(3 * _STARS)
+        yield Term(
+            "screen scale",
+            scale,
+            "",
+            moved,
+            moved,
+            0.0,
+            evidence="the fit of gse align: screen.uncertainty.away_mm",
+            explanation="a picture of another size moves the mean of the stars of a field",
+            remedy="fit the screen on a longer session",
+            corrected=False,
+        )
     if any(item.rate_deg_per_s for item in sky.shown):
         worst = max(sky.shown, key=lambda item: item.rate_deg_per_s * item.within_ms)
         standard_s = TO_STANDARD * worst.within_ms / 1000

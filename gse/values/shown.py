@@ -72,9 +72,17 @@ class ShownSky:
         begins = np.array([item.from_ns for item in self.shown], dtype=np.int64)
         return np.maximum(np.searchsorted(begins, utc_ns, side="right") - 1, 0)
 
-    def icrs_to_sensor_at(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The rotations (M, 3, 3) from ICRS to the sensor at instants (M,)."""
-        index = self.index_at(utc_ns)
+    def is_settled(self, utc_ns: int, exposure_s: float) -> bool:
+        """Whether one attitude stood on the screen over an exposure about an instant."""
+        half_ns = round(exposure_s * NS_PER_S / 2)
+        around = all(abs(utc_ns - item.from_ns) > half_ns + round(item.within_ms * 1e6) for item in self.shown)
+        return around and bool(self.shown) and utc_ns > self.shown[0].from_ns
+
+    def icrs_to_sensor_at(
+        self, utc_ns: NDArray[np.int64], index: NDArray[np.int64] | None = None
+    ) -> NDArray[np.float64]:
+        """The rotations (M, 3, 3) from ICRS to the sensor at instants (M,), by the ``index`` of what was shown then."""
+        index = self.index_at(utc_ns) if index is None else index
         angles = np.array([(item.ra_deg, item.de_deg, item.roll_deg) for item in self.shown])
         first = from_angles(*angles.T)
         turns_rad = np.radians([item.turn_deg_per_s for item in self.shown])

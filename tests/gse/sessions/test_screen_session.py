@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -154,6 +155,48 @@ def test_a_limit_of_the_rate_without_a_scene_that_turns_is_named_as_not_tested(f
     session.shown = session.shown.only(lambda item: item.rate_deg_per_s == 0)
     (line,) = {line for line in judge(session).not_tested if line.startswith("onboard slew rate")}
     assert "gse run --rates 0,0.5deg/s" in line
+
+
+REAL = "{focal_length_mm: 501, gamma: 2.5, latency_ms: 35, to_sensor: {x_deg: 1.02, y_deg: -0.53, roll_deg: 20.4}}"
+
+
+def rehearsed(folder, station, device):
+    """The session of the scene screen-fit before a screen that differs from the stated one, and its exit code."""
+    scenario = (files("gse.simulator") / "scenarios" / "screen-fit.yaml").read_text()
+    (folder / "fit.yaml").write_text(f"{scenario}rate_hz: 5\ndevice: {device}\n")
+    port = f"sim://?scenario={folder}/fit.yaml"
+    before = set(folder.glob("sessions/*"))
+    ran = CliRunner().invoke(
+        cli, ["run", str(station), "--port", port, "--no-plots", "--out", str(folder / "sessions")]
+    )
+    (session,) = set(folder.glob("sessions/*")) - before
+    return session, ran.exit_code
+
+
+def test_a_fitted_screen_is_written_and_the_next_session_is_judged_relative_to_it(tmp_path):
+    (tmp_path / "lab.yaml").write_text(STATION)
+    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", f"{{screen: {REAL}}}")
+    assert code != 0
+    fitted = tmp_path / "fitted.yaml"
+    fit = CliRunner().invoke(cli, ["align", str(session), "--write", str(fitted), "--json"])
+    assert fit.exit_code == 0, fit.output
+    report = json.loads(fit.stdout)
+    assert report["schema"] == "gse.screen-fit/1"
+    assert report["focal_length_mm"] == pytest.approx(501, abs=2 * report["uncertainty"]["away_mm"])
+    session, code = rehearsed(tmp_path, fitted, f"{{screen: {REAL}}}")
+    report = json.loads((session / "report.json").read_text())
+    assert (code, report["word"]) == (0, "PASS, relative")
+    assert report["reasons"] == ["relative to a fitted screen: absolute pointing not tested"]
+    assert {term["name"]: term["ra_arcsec"] for term in report["truth_budget"]["terms"]}["screen scale"] > 0
+
+
+def test_a_mirrored_monitor_is_named_instead_of_a_fit(tmp_path):
+    (tmp_path / "lab.yaml").write_text(STATION)
+    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", "{sensor: {mirrored: true}}")
+    assert code != 0
+    refused = CliRunner().invoke(cli, ["align", str(session)]).exception
+    assert isinstance(refused, UsageError)
+    assert "switch the mirroring of the monitor off" in str(refused)
 
 
 @pytest.mark.parametrize(
