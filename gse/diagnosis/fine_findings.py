@@ -163,6 +163,8 @@ _CALIBRATE = "gse calibrate SESSION --write FILE"
 _ALIGN = "gse align SESSION --write FILE"
 _SYNC = "see whether the clock is synchronised: gse preflight; then repeat the session"
 _LEAVE_OUT = 'fix the mount; judge the rest of the session: gse report SESSION --leave-out "FROM/TO=mount: moved"'
+_OPTICS = "a sensor whose optics drift"
+_SETTLE = "fix the mount, let it settle, and repeat the session"
 _STEP_OF_TAGS = "a step of the sensor's own time tags, or its restart: the time of a raw capture is made of them"
 _SIGMAS = 3.0
 _LATENCY_S = 2.5
@@ -403,6 +405,7 @@ def _refraction(one: Named, setting: Setting) -> Finding:
 
 
 def _clock_drift(one: Named, setting: Setting) -> Finding:
+    """The host's clock, where its stamps run as fast against the sensor's tags; else the mount."""
     ppm, error = one.coefficients.item(), one.errors.item()
     runs = f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {_digits_of(2 * error, 2)}), "
     runs += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
@@ -410,6 +413,12 @@ def _clock_drift(one: Named, setting: Setting) -> Finding:
     if not setting.has_host:
         return Finding("sensor clock drift", f"the sensor's time tags, by which this capture has its times, run {runs}",
                        equals, "record with gse run: the host's clock then tells")  # fmt: skip
+    if setting.late and abs(setting.late.drift * 1e6 - ppm) > abs(ppm) / _DOUBTFUL:
+        rivals = [rival for rival in _equals(one, _OPTICS) if rival != "mount moves"]
+        if abs(ppm) <= CRYSTAL_PPM:
+            rivals.append(f"clocks of host and sensor that both run {abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'}")
+        turned = f"by {3600e-6 * ppm * EARTH_RATE_ARCSEC_PER_S:+.1f} arcsec/h about the pole"
+        return Finding("mount moves", turned, tuple(rivals), _SETTLE)
     return Finding("clock drift", f"the host's clock runs {runs}", equals, _SYNC)
 
 
@@ -428,8 +437,7 @@ def _by_the_tags(one: Named, setting: Setting, turned_arcsec: float, over_s: flo
 def _mount_moves(one: Named, setting: Setting) -> Finding:
     turned_arcsec = math.hypot(*one.coefficients[:2])
     return _by_the_tags(one, setting, turned_arcsec, 3600.0, _three(one, "arcsec/h")) or Finding(
-        "mount moves", f"by {_three(one, 'arcsec/h')}", _equals(one, "a sensor whose optics drift"),
-        "fix the mount, let it settle, and repeat the session",
+        "mount moves", f"by {_three(one, 'arcsec/h')}", _equals(one, _OPTICS), _SETTLE,
     )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ _BEFORE_S, _AFTER_S = 90.0, 60.0
 """Around a step that the stars show: their noise leaves its place open."""
 _FEWEST = 8
 """Frames on either side: of so many one is read at once."""
+_LEAP_S = 10.0
+"""No link delays a frame by more, and no clock drifts so far between two frames."""
 _STEADY = 0.25
 """Largest share of a step that may change on one side of it; a drift has half of it there."""
 
@@ -71,12 +73,17 @@ class LateFrames:
 
     @property
     def drift(self) -> float:
-        """By how much the host's clock runs fast against the tags, in s per s, from the first quarter to the last."""
-        quarter = len(self.late_s) // 4
-        if quarter < _FEWEST or self.span_s == 0.0:
+        """By how much the host's clock runs fast against the tags, in s per s, from the first quarter to the last.
+
+        Of the longest stretch without a leap: a sensor that restarts counts anew.
+        """
+        leaps = np.flatnonzero(np.abs(np.diff(self.late_s)) > _LEAP_S) + 1
+        rows = max(np.split(np.arange(len(self.late_s)), leaps), key=len)
+        quarter, late_s, span_s = len(rows) // 4, self.late_s[rows], float(np.ptp(self.utc_ns[rows])) / NS_PER_S
+        if quarter < _FEWEST or span_s == 0.0:
             return 0.0
-        rise_s = float(self.late_s[-quarter:].min() - self.late_s[:quarter].min())
-        return rise_s / (0.75 * self.span_s)  # the least is at the begin of both, or at the end of both
+        rise_s = float(late_s[-quarter:].min() - late_s[:quarter].min())
+        return rise_s / (0.75 * span_s)  # the least is at the begin of both, or at the end of both
 
 
 def _change_within(late_s: NDArray[np.float64]) -> float:

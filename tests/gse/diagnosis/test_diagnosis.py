@@ -68,10 +68,16 @@ def test_where_the_time_tag_stands_still_no_cause_is_told_from_instants_that_nob
 
 def test_a_drifting_clock_is_named_in_ppm():
     per_h = 15.041067 * 3600 * 500e-6
-    text = found(session(9000, step_s=0.2, drift_per_h=(per_h * 0.9935, 0.0)))
+    text = found(session(9000, step_s=0.2, drift_per_h=(per_h * 0.9935, 0.0), sensor_ppm=-500.0))
     assert "clock drift" in text
     ppm = float(text.split("runs ")[1].split(" ppm")[0])
     assert ppm == pytest.approx(500, rel=0.15)
+
+
+def test_what_turns_about_the_pole_beside_two_clocks_that_agree_is_the_mount():
+    per_h = 15.041067 * 3600 * 500e-6
+    text = found(session(3000, step_s=0.6, drift_per_h=(per_h * 0.9935, 0.0)))
+    assert text.startswith("mount moves: by -27.")
 
 
 @pytest.mark.parametrize(("ppm", "words"), [(120.0, "ppm slow against"), (-120.0, "ppm fast against")])

@@ -225,6 +225,34 @@ def test_a_slip_that_is_known_badly_is_the_clocks_within_a_factor_of_two(arcsec,
 
 
 @pytest.mark.parametrize(
+    ("of_stars_ppm", "of_tags_ppm", "words"),
+    [
+        (54.0, 3.0, "mount moves: by +2.9 arcsec/h about the pole"),
+        (-54.0, 3.0, "mount moves: by -2.9 arcsec/h about the pole"),
+        (54.0, 26.0, "mount moves"),
+        (54.0, 28.0, "clock drift: the host's clock runs 54 ppm fast"),
+        (54.0, 80.0, "clock drift"),
+        (54.0, 82.0, "mount moves"),
+    ],
+)
+def test_a_turn_about_the_pole_is_the_mounts_where_the_hosts_clock_keeps_the_tags_time(
+    of_stars_ppm, of_tags_ppm, words
+):
+    assert said("clock drift", of_stars_ppm, late=clocks_apart(of_tags_ppm)).startswith(words)
+
+
+@pytest.mark.parametrize(("ppm", "is_crystal"), [(100.0, True), (101.0, False)])
+def test_two_crystals_may_run_as_fast_as_each_other(ppm, is_crystal):
+    assert ("clocks of host and sensor that both run" in said("clock drift", ppm, late=clocks_apart(0.0))) is is_crystal
+
+
+def test_a_sensor_that_restarts_tells_the_drift_of_its_longer_life():
+    late = clocks_apart(54.0)
+    late.late_s[1500:] += 2000.0
+    assert late.drift == pytest.approx(54e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(
     ("cause", "coefficient", "words"),
     [
         (
