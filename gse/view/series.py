@@ -111,7 +111,7 @@ def near_rows(columns: NDArray[np.void], limits: Limits, latest: int | None = No
             sigma = np.sqrt(np.maximum(squares / count - mean**2, 0))
         near = np.where(np.abs(errors) <= limits.of(axis), errors, np.nan)  # one far off would flatten all others
         rows[path] = np.column_stack([near, mean, mean - sigma, mean + sigma])
-    return rows if latest is None else rows[len(rows) - latest :]
+    return rows if latest is None else rows[len(rows) - latest :].copy()  # who keeps it keeps nothing else
 
 
 def send_near(stream: rr.RecordingStream, rows: NDArray[np.void]) -> None:

@@ -23,7 +23,7 @@ from gse.values.instant import NS_PER_S
 from gse.view.blueprint import _title, layout
 from gse.view.saved_view import save_view
 from gse.view.scene import Scene
-from gse.view.series import GRAPHS, MEAN_S
+from gse.view.series import GRAPHS, MEAN_S, near_rows
 
 FRAMES = 700
 
@@ -358,3 +358,10 @@ def test_a_viewer_that_is_open_all_night_costs_no_thread_for_each_piece() -> Non
         place = piece.place
         threads.append(len(list(Path("/proc/self/task").iterdir())))
     assert threads[-1] <= threads[0] + 4  # rerun's own pool may grow for a while
+
+
+def test_what_a_viewer_that_comes_late_will_get_keeps_nothing_else_in_memory() -> None:
+    session = synthetic_night(FRAMES)
+    rows = near_rows(session.frames.columns[:], session.station.limits, 3)
+    assert len(rows) == 3
+    assert rows.base is None
