@@ -46,13 +46,16 @@ class RecordedMessage(NamedTuple):
         return Chunk(self.utc_ns, self.mono_ns, self.data)
 
     def event(self) -> LinkEvent:
-        """The event of a message of /events; of kind UNREADABLE where it cannot be read."""
+        """The event of a message of /events; of kind UNREADABLE where it cannot be read.
+
+        What was sent stands in /serial/tx alone: SENT with another text than bytes would be taken for those.
+        """
         try:
             document = json.loads(self.data)
             kind, text = str(document["kind"]), plain_line(str(document["text"]))
         except (ValueError, KeyError, TypeError, RecursionError):
             kind, text = "", ""
-        if not _KIND.fullmatch(kind):
+        if not _KIND.fullmatch(kind) or kind == LinkKind.SENT:
             return LinkEvent(self.utc_ns, self.mono_ns, LinkKind.UNREADABLE, f"{self.data[:40]!r} is not an event")
         return LinkEvent(self.utc_ns, self.mono_ns, kind, text)
 

@@ -12,11 +12,13 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel
 from mcap.records import Chunk as McapChunk
 
+from drivers.chunk import LinkEvent, LinkKind
 from drivers.session_file.record_scanner import MAGIC
-from drivers.session_file.records import CLOCK, EVENTS, RX, RecordedMessage, checksum
+from drivers.session_file.records import CLOCK, EVENTS, RX, RecordedMessage, checksum, event_message
 from drivers.session_file.writer import CaptureWriter
 from gse.config.station import BUILT_IN_TEXT
-from gse.recording.session_format import TIMING_TOPIC
+from gse.recording.session_format import TIMING_TOPIC, RecorderKind
+from gse.station.events import StationKind
 from protocols import PanoramaMessage, load_protocol
 
 HEAD = MAGIC + bytes.fromhex("0122000000000000000b000000") + b"gse-session" + b"\x0f\0\0\0" + b"gse-star-sensor"
@@ -139,6 +141,18 @@ def write_steering(path: Path) -> Path:
         writer.write(RecordedMessage(CLOCK, START_NS, 1, json.dumps({**clock, "error_bound_s": 0.1}).encode()))
         for number, frame in enumerate(frames(20, np.random.default_rng(2), sequences=True)):
             writer.write(RecordedMessage(RX, START_NS + 100_000_000 * number, 100_000_000 * number, frame))
+    return path
+
+
+def write_kinds(path: Path) -> Path:
+    """Events of every kind that the station knows, each with texts that it never writes."""
+    with CaptureWriter(path) as writer:
+        writer.attach("station.yaml", "application/yaml", BUILT_IN_TEXT.encode())
+        for number, frame in enumerate(frames(20, np.random.default_rng(2), sequences=True)):
+            writer.write(RecordedMessage(RX, START_NS + 100_000_000 * number, 100_000_000 * number, frame))
+        for kind in (*LinkKind, *StationKind, *RecorderKind):
+            for text in ("zz", "", "-9e999 s", "9" * 5000, "{}", "a:b:c,d/e=f"):
+                writer.write(event_message(LinkEvent(START_NS + 1_000_000_000, 1_000_000_000, kind, text)))
     return path
 
 

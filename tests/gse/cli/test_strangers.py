@@ -10,7 +10,15 @@ from pathlib import Path
 
 import pytest
 from devices.command_line import Done, Gse
-from devices.hostile_sessions import FILES, write_file, write_flood, write_station, write_steering, write_times
+from devices.hostile_sessions import (
+    FILES,
+    write_file,
+    write_flood,
+    write_kinds,
+    write_station,
+    write_steering,
+    write_times,
+)
 
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
@@ -66,8 +74,8 @@ def test_a_flood_of_events_is_counted_and_not_printed(tmp_path: Path, gse: Gse) 
     assert (tmp_path / "report" / "report.html").stat().st_size < 2_000_000
 
 
-@pytest.mark.parametrize("write", [write_times, write_steering])
-def test_absurd_times_and_steering_texts_give_a_report_like_any_other(
+@pytest.mark.parametrize("write", [write_times, write_steering, write_kinds])
+def test_absurd_times_steering_texts_and_foreign_events_give_a_report_like_any_other(
     tmp_path: Path, gse: Gse, write: Callable[[Path], Path]
 ) -> None:
     path = write(tmp_path / "session.mcap")
