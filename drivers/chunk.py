@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
+NS_PER_S = 1_000_000_000
+
 
 class Chunk(NamedTuple):
     """Bytes of a port and the time at which they were read; a tuple, because a night has a million of them.

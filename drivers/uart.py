@@ -1,5 +1,8 @@
 """What a UART receives from one that sends at another baud rate."""
 
+BITS_PER_BYTE = 10
+"""8N1: a start bit, eight data bits, a stop bit."""
+
 USUAL_BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 """Rates that sensors and adapters have."""
 

@@ -7,8 +7,8 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from drivers.chunk import Chunk, LinkEvent, LinkKind
-from drivers.faults.options import BYTE_KINDS, FRAME_KINDS, NS_PER_S, Faults, Outage, Places
+from drivers.chunk import NS_PER_S, Chunk, LinkEvent, LinkKind
+from drivers.faults.options import BYTE_KINDS, FRAME_KINDS, Faults, Outage, Places
 from drivers.mock.timestamped_port import Item
 from drivers.uart import received_at
 

@@ -30,6 +30,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drivers.chunk import NS_PER_S
 from drivers.errors import UrlError
 
 BYTE_KINDS = ("flip", "drop", "double", "insert", "noise")
@@ -41,7 +42,6 @@ OPTIONS = ("faults", "seed", "frame_start", "ack_start")
 
 OUTAGE_S = 2.0
 LONGEST_RESET_S = 3600
-NS_PER_S = 1_000_000_000
 _OUTAGE = re.compile(r"(?:(\d+(?:\.\d+)?)s|f(\d+))(?:/(\d+(?:\.\d+)?)s)?")
 _SECONDS = re.compile(r"(\d+(?:\.\d+)?)s")
 

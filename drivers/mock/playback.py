@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
 
-from drivers.chunk import Chunk, LinkEvent, LinkKind
+from drivers.chunk import NS_PER_S, Chunk, LinkEvent, LinkKind
 from drivers.errors import CaptureError, UrlError
 from drivers.mock.timestamped_port import Item
 from drivers.session_file.file_window import refuse_special
@@ -15,7 +15,6 @@ from drivers.session_file.record_scanner import MAGIC
 from drivers.session_file.records import EVENTS, RX, TX, Damage, RecordedMessage
 
 RAW_CHUNK_BYTES = 4096
-NS_PER_S = 1_000_000_000
 _NEVER_NS = 1 << 64
 """Beyond every stamp of a session file."""
 

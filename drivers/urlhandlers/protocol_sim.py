@@ -9,10 +9,10 @@ is the sensor's own affair and goes to it as ``reset_s``: what it sees after its
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from drivers.chunk import Chunk
+from drivers.chunk import NS_PER_S, Chunk
 from drivers.errors import PortError
 from drivers.faults.injection import inject
-from drivers.faults.options import NS_PER_S, parse_faults
+from drivers.faults.options import parse_faults
 from drivers.mock.playback import cut
 from drivers.mock.timestamped_port import Item, TimestampedSerial
 from drivers.mock.urls import parse_mock_url

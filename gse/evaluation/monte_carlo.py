@@ -48,8 +48,8 @@ FAINTER = 0.9
 _INDEX_MAX = 4096
 _CHUNK_FRAMES = 25
 _QUEUED_PER_WORKER = 4
-_LOOK_EVERY_S = 0.2
 """Chunks handed over ahead, so that no worker waits."""
+_LOOK_EVERY_S = 0.2
 
 _WARM_UP_FRAMES = 3
 _DOUBLES_RAD = 60 * ARCSEC_RAD

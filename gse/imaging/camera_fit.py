@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from gse.errors import UsageError
 from gse.values.attitude import solve_attitudes
 from gse.values.camera import Camera
+from gse.values.constants import MAD_TO_SIGMA
 from gse.values.matrices import inv, product, solve
 from gse.values.star_influence import star_covariance
 
@@ -33,7 +34,6 @@ _ROUNDS = 30
 _STEADY_PX = 1e-7
 _CAUCHY = 2.4
 """Weights 1 / (1 + (r / (2.4 sigma))^2): 95 % efficient for Gaussian noise (Holland & Welsch 1977)."""
-_MAD_TO_SIGMA = 1.4826
 _NOISE_FLOOR_PX = 1e-6
 _MAP_CELLS = 8
 _HOLDABLE = {"principal point": [1, 2], "distortion": [3, 4], "tangential distortion": [5, 6]}
@@ -316,7 +316,7 @@ def _all_residuals(camera: Camera, fields: Sequence[StarField], rotations: NDArr
 
 
 def _sigma_axis_px(residual: NDArray[np.float64]) -> float:
-    return max(_MAD_TO_SIGMA * float(np.median(np.abs(residual))), _NOISE_FLOOR_PX)
+    return max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), _NOISE_FLOOR_PX)
 
 
 def _residuals(camera: Camera, fields: Sequence[StarField], rotations: NDArray[np.float64]) -> Residuals:

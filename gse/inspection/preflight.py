@@ -15,7 +15,7 @@ from drivers.errors import DriverError
 from drivers.link import SerialLink
 from drivers.link_state import SAMPLE_BYTES
 from drivers.ports import LineSettings, PortInfo, is_device, is_mock, ports_here
-from drivers.uart import USUAL_BAUDS
+from drivers.uart import BITS_PER_BYTE, USUAL_BAUDS
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
 from gse.config.station import Station
@@ -93,7 +93,6 @@ LISTEN_S = 3.0
 TRY_S = 1.5
 """With each other baud rate: a frame at 1 Hz."""
 ENOUGH_FRAMES = 3
-BITS_PER_BYTE = 10
 OVERHEAD = 2.5
 """Records around the bytes, derived results, and the compressed copy beside the plain file at close."""
 

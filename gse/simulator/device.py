@@ -7,9 +7,10 @@ import numpy as np
 
 from drivers.chunk import Chunk
 from drivers.errors import UrlError
+from drivers.uart import BITS_PER_BYTE
 from gse.config.station import Station
 from gse.errors import GseError
-from gse.simulator.firmware import BITS_PER_BYTE, Detector, SensorFirmware, Transmission
+from gse.simulator.firmware import Detector, SensorFirmware, Transmission
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import DEFAULT, Host, Scenario, check_start, load_scenario

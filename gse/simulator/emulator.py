@@ -10,9 +10,9 @@ import serial
 
 from drivers.errors import PortError
 from drivers.ports import LineSettings, open_port
-from drivers.uart import received_at
+from drivers.uart import BITS_PER_BYTE, received_at
 from gse.errors import UsageError
-from gse.simulator.firmware import BITS_PER_BYTE, SensorFirmware, Transmission
+from gse.simulator.firmware import SensorFirmware, Transmission
 from gse.values.instant import NS_PER_S
 
 # Endpoints of an emulated sensor: the interface, with a TCP port for one client.

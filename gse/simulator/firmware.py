@@ -15,6 +15,7 @@ from typing import Protocol as Interface
 
 import numpy as np
 
+from drivers.uart import BITS_PER_BYTE
 from gse.simulator.items import SimulatedItems
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import OVEREXPOSED, Exposure
@@ -39,8 +40,6 @@ from protocols.description import TimeDescription
 from protocols.protocol import name_of
 from protocols.vocabulary import quantity
 
-BITS_PER_BYTE = 10
-"""8N1: a start bit, eight data bits, a stop bit."""
 _ANSWER_NS = 1_000_000
 """Time to answer a command."""
 _SHORTEST_EXPOSURE_S, _LONGEST_EXPOSURE_S = 0.001, 2.0

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Iterator
 
 from drivers.chunk import Chunk
 from drivers.mock.timestamped_port import Item
+from drivers.uart import BITS_PER_BYTE
 from gse.simulator.emulator import Endpoint
-from gse.simulator.firmware import BITS_PER_BYTE
 from gse.values.instant import NS_PER_S
 from gse.values.sensor_time import tag_us_of, utc_ns_of
 from protocols import (

@@ -48,6 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
+from drivers.uart import BITS_PER_BYTE
 from gse.station.byte_stream import ByteStream, FrameAt
 from gse.station.clock_witness import ClockWitness
 from gse.station.events import ClockStep, StationKind
@@ -286,9 +287,6 @@ def _step_in_words(step_ns: int, utc_kept: bool) -> str:
         )
     return f"the host's monotonic clock leapt by {-step_s:+.3f} s; UTC and the sensor's clock did not"
 
-
-BITS_PER_BYTE = 10
-"""8N1: a start bit, eight data bits, a stop bit."""
 
 NOT_LOCKED = "clock not locked"
 """The status bit of an absolute clock that is none at the time."""

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from gse.errors import UsageError
 from gse.truth.frames import horizon_to_sensor, mount_of
-from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.constants import ARCSEC_PER_RAD, MAD_TO_SIGMA
 from gse.values.matrices import pinv, product
 from gse.values.mount import Mount
 
 _REJECT_SIGMA = 5.0
-_MAD_TO_SIGMA = 1.4826
 _ROUNDS = 20
 _MOST_COMPARED = 200
 """Frames of which each is compared with each other: 200 are 3 MB."""
@@ -95,7 +94,7 @@ def fit_mount(
     for _ in range(_ROUNDS):
         residual = small_rotations(horizon_to_sensor_each, fitted)
         middle = np.median(residual[kept], axis=0)
-        sigma = np.maximum(_MAD_TO_SIGMA * np.median(np.abs(residual[kept] - middle), axis=0), 1e-9)
+        sigma = np.maximum(MAD_TO_SIGMA * np.median(np.abs(residual[kept] - middle), axis=0), 1e-9)
         before, kept = kept, np.all(np.abs(residual - middle) <= _REJECT_SIGMA * sigma, axis=1)
         step = residual[kept].mean(axis=0)
         fitted = product(erfa.rv2m(-step), fitted)  # ERFA's turns the axes

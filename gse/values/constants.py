@@ -1,4 +1,4 @@
-"""Constants of nature, time and angle, each with its source."""
+"""Constants of nature, time, angle and the normal distribution, each with its source."""
 
 import math
 
@@ -7,6 +7,9 @@ ARCSEC_RAD = math.pi / (180 * 3600)
 
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
 """Arcseconds in a radian."""
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a normal distribution whose median absolute deviation is 1."""
 
 DAY_S = 86_400.0
 """Seconds in a day of UT1, TT or TAI."""
