@@ -11,6 +11,7 @@ be seen like this. Where truth is not known at all, there is nothing to accept: 
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -40,6 +41,7 @@ MOST_LENGTHS = 400.0
 _ONE_SIDED = 0.95
 _LENGTHS = np.geomspace(1.0, MOST_LENGTHS, 120)
 _FEWEST_VALUES = 1.0
+_HALVINGS = 24
 _POINTS = 200
 _SPREAD = 1.324717957244746
 """The root of x^3 = x + 1."""
@@ -389,3 +391,35 @@ def share_outcome(share: Share, limit: float, *, at_least: bool, decision: Decis
         return Outcome.PASS
     is_broken = upper < limit if at_least else lower > limit
     return Outcome.FAIL if is_broken else Outcome.INCONCLUSIVE
+
+
+def share_times(share: Share, limit: float, *, at_least: bool) -> float:
+    """Further lengths of the session after which DECIDED of all sessions like it have decided a share.
+
+    The true share is drawn from what the seen one leaves open, and the share of what is still to come from that. What
+    never happened, or always did, is taken to go on so. 0 where the share is decided; infinite as for further_share.
+    """
+    happened = share.n_eff * share.value
+    true: NDArray[np.float64] = np.array([share.value])
+    if 0 < happened < share.n_eff:
+        true = betaincinv(happened, share.n_eff - happened, ndtr(_points()[0]))
+    scatter = np.sqrt(true * (1 - true)) * _points()[1, : len(true)]
+
+    def is_decided(times: float) -> bool:
+        number, more = share.n_eff * times, share.n_eff * (times - 1)
+        count = np.clip(happened + more * true + math.sqrt(more) * scatter, happened, happened + more)
+        with np.errstate(invalid="ignore"):
+            lower = np.where(count > 0, betaincinv(count, number - count + 1, RISK), 0.0)
+            upper = np.where(count < number, betaincinv(count + 1, number - count, 1 - RISK), 1.0)
+        above, below = (lower >= limit, upper < limit) if at_least else (lower > limit, upper <= limit)
+        return bool((above | below).mean() >= DECIDED)
+
+    return _first(is_decided) - 1 if is_decided(MOST_LENGTHS) else math.inf
+
+
+def _first(is_so: Callable[[float], bool]) -> float:
+    low, high = 1.0, MOST_LENGTHS
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if is_so(middle) else (middle, high)
+    return high

@@ -8,7 +8,6 @@ root of the length. The generator starts from a constant: the same question has 
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,16 +17,11 @@ from scipy.special import bdtrik, betaincinv, ndtr, ndtri
 from gse.statistics.decision import (
     COVERAGE_FACTOR,
     PROBABILITY,
-    Outcome,
     Row,
-    Share,
     further_share,
     lengths_to_pass,
-    share_of,
-    share_outcome,
 )
 from gse.statistics.sampling import MIN_FRAMES, error_bounds
-from gse.values.limits import Decision
 from gse.values.matrices import straight_line
 
 SESSIONS, SETTLING_SESSIONS = 120, 400
@@ -50,8 +44,6 @@ _LAST_STRETCH = 1e6
 _ABOUT = np.array([0.85, 1.0, 1.2])
 _HALVINGS = 40
 _MAX_FRAMES = 1_000_000
-_MOST_TIMES = 1_000_000
-_SHARE_HALVINGS = 50
 _RISK = 0.05
 
 
@@ -226,22 +218,3 @@ def _sampling(row: Row) -> float:
     if math.isnan(row.uncertainty) or math.isinf(row.truth_uncertainty):
         return row.uncertainty
     return math.sqrt(max(row.uncertainty**2 - (COVERAGE_FACTOR * row.truth_uncertainty) ** 2, 0.0))
-
-
-def share_times(share: Share, limit: float, *, at_least: bool) -> float:
-    """Further lengths of the session after which a share is decided, by bisection: its bounds come closer to it."""
-
-    def is_decided(times: float) -> bool:
-        longer = share_of(share.count * _MOST_TIMES, share.of * _MOST_TIMES, share.n_eff * times)
-        outcome = share_outcome(longer, limit, at_least=at_least, decision=Decision.GUARDED)
-        return outcome is not Outcome.INCONCLUSIVE
-
-    return _first(is_decided) - 1 if is_decided(_MOST_TIMES) else NEVER
-
-
-def _first(is_so: Callable[[float], bool]) -> float:
-    low, high = 1.0, float(_MOST_TIMES)
-    for _ in range(_SHARE_HALVINGS):
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if is_so(middle) else (middle, high)
-    return high

@@ -28,6 +28,7 @@ from gse.statistics.decision import (
     Share,
     judge_figure,
     judge_share,
+    share_times,
 )
 from gse.statistics.sampling import MIN_FRAMES, NO_BOUNDS
 from gse.statistics.session_statistics import Statistics
@@ -55,7 +56,6 @@ from gse.verdict.planning import (
     availability_frames,
     false_answer_frames,
     figure_times,
-    share_times,
 )
 
 SLOW_SHARE = 0.01
