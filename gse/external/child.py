@@ -108,6 +108,9 @@ class Child:
             bufsize=0,
         )
         process, self._mark = self._process, mark
+        # Where memory ends, the system ends the program that leaks, not the session that records.
+        with contextlib.suppress(OSError):
+            Path(f"/proc/{process.pid}/oom_score_adj").write_text("1000")
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None

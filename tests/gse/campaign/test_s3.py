@@ -127,6 +127,20 @@ def test_an_upload_of_which_a_part_fails_leaves_the_file_that_was_there(
     assert s3.read("old") == b"as it was"
 
 
+def test_a_download_that_breaks_in_the_middle_is_an_error_and_no_shorter_file(
+    s3: S3Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    s3.put("session.mcap", bytes(3 * PART_BYTES) + b"the cable is cut here" + bytes(PART_BYTES))
+    with Proxy(s3.port, refuses=b"the cable is cut here") as proxy:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{proxy.port}")
+        fs, root = open_storage(f"s3://{BUCKET}")
+        with pytest.raises(OSError, match="NETWORK_CONNECTION"):
+            copy_here(fs, f"{root}/session.mcap", tmp_path / "copy")
+        del fs
+        gc.collect()
+        assert proxy.refused >= 1
+
+
 def test_what_is_not_there_is_named(s3: S3Server, gse, tmp_path: Path) -> None:
     with pytest.raises(StorageError, match=f"there is no s3://{BUCKET}/none"):
         found(f"s3://{BUCKET}/none")

@@ -265,3 +265,11 @@ def test_what_a_program_started_in_a_session_of_its_own_ends_with_it(tmp_path):
     assert select.select([opened], [], [], PATIENCE_S)[0], "its end of the pipe is still open: it lives"
     assert os.read(opened, 5) == b""
     os.close(opened)
+
+
+def test_where_memory_ends_the_system_ends_the_program_and_not_the_session(tmp_path):
+    body = "for line in sys.stdin:\n    wish = int(open('/proc/self/oom_score_adj').read())\n"
+    identifier = running(program(tmp_path, body + "    answer(json.loads(line), ra_deg=wish / 10)\n"))
+    (given,) = identifier.answers(panoramas(1))
+    identifier.close()
+    assert given.answer.document["ra_deg"] == 100.0
