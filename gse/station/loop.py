@@ -68,10 +68,9 @@ from gse.recording.session_format import RecordedTimings
 from gse.station.byte_stream import FrameAt
 from gse.station.camera_watch import CameraWatch
 from gse.station.events import ClockStep, EventLog, StationKind
-from gse.station.frame_processor import FrameProcessor
+from gse.station.frame_processor import FrameProcessor, Identified
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.housekeeping import fill_housekeeping
-from gse.station.identified import Identified
 from gse.station.item_table import Housekeeping
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects

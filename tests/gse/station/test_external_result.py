@@ -19,6 +19,7 @@ from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_processor import (
     FrameProcessor,
+    Identified,
     external_answers_of,
     geometric_of,
     has_roll,
@@ -27,7 +28,6 @@ from gse.station.frame_processor import (
     status_of,
     with_roll,
 )
-from gse.station.identified import Identified
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, Status
 from gse.truth import EarthOrientation, SiderealTruth

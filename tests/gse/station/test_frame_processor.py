@@ -19,8 +19,7 @@ from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unide
 from gse.identifier.robust import RobustIdentifier
 from gse.station.attitude_error import attitude_error
 from gse.station.columns import ANSWER_CHECKS
-from gse.station.frame_processor import FrameProcessor
-from gse.station.identified import Identified
+from gse.station.frame_processor import FrameProcessor, Identified
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, Matches, Starlight, Status
 from gse.truth import EarthOrientation, SiderealTruth
