@@ -18,7 +18,7 @@ from astropy.utils import iers
 from devices.command_line import Gse, runner
 from hypothesis import settings
 
-from gse.process.cache_folder import cache_folder
+from gse.process.installation import cache_folder
 
 TESTS = Path(__file__).parent
 

@@ -6,8 +6,8 @@ interleaved with the program without it):
     own_packages        ours are imported, not another ``drivers``; 0.1 ms
     jit                 10 to 60 s of compilation at each start but the first; numba's own cache, told a folder for
                         exactly this program (of its own cache classes, which saved 0.05 s of identify's 0.7, none)
-    cache_folder        what is kept there is this user's alone, or is not kept
-    installation        hashes of the source, by which machine code, kept results and a self-check know the program
+    installation        hashes of the source, by which machine code, kept results and a self-check know the program;
+                        what is kept in its cache folder is this user's alone, or is not kept
     release_memory      a replay of 72,000 frames in 246 MiB; 306 without the first of its three places (after the
                         set-up, before judging, before drawing); 0.35 s and 47 MiB where pandas is installed, which
                         pyarrow else imports

@@ -1,11 +1,14 @@
-"""The installed program: hashes of its own files."""
+"""The installed program: hashes of its own files, and its folder below the user's cache directory."""
 
 import functools
 import hashlib
 import importlib.metadata
 import os
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+from platformdirs import user_cache_dir
 
 _GSE = Path(__file__).parents[1]
 _PACKAGES = tuple(_GSE.with_name(name) for name in ("drivers", "gse", "protocols"))
@@ -48,3 +51,32 @@ def _files(package: Path, ending: str) -> Iterator[str]:
         folders[:] = [name for name in folders if name != _LEFT_OUT]
         room = Path(folder).relative_to(package.parent).as_posix()
         yield from (f"{room}/{name}" for name in names if name.endswith(ending))
+
+
+def cache_folder(*names: str) -> Path:
+    """Where a folder of this program is, or would be, for what can be made again but takes time."""
+    return Path(user_cache_dir("gse"), *names)
+
+
+def own_cache_folder(*names: str) -> Path | None:
+    """The folder, made where it is not there; None where it cannot be written, or is another user's.
+
+    What lies there is believed, and machine code runs: so nobody else may write there.
+    """
+    folder = cache_folder(*names)
+    return folder if takes_files(folder) and _is_ours(folder) else None
+
+
+def takes_files(folder: Path) -> bool:
+    """Whether a file can be made in a folder, which is made where it is not there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether this user owns it; Windows has a cache directory for each user, which others cannot write."""
+    return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()

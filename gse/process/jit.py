@@ -19,8 +19,7 @@ from typing import Any, TypeVar
 
 import numba
 
-from gse.process.cache_folder import cache_folder, own_cache_folder, takes_files
-from gse.process.installation import code_sha256
+from gse.process.installation import cache_folder, code_sha256, own_cache_folder, takes_files
 
 _KEPT_FOLDERS = 4
 _ROOM_BYTES = 32 << 20

@@ -42,7 +42,7 @@ from gse.config.choice import StationText
 from gse.config.station import Station
 from gse.errors import TruthError, UsageError
 from gse.external.identifier import ExternalCounts
-from gse.process.cache_folder import own_cache_folder
+from gse.process.installation import own_cache_folder
 from gse.recording.session_format import read_attachments
 from gse.report.frames_table import frames_parts, frames_schema
 from gse.report.parquet import ParquetColumns, read_parquet, write_parquet

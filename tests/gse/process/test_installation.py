@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gse.process.cache_folder import cache_folder, own_cache_folder
+from gse.process.installation import cache_folder, own_cache_folder
 
 
 @pytest.fixture(autouse=True)
