@@ -282,6 +282,13 @@ class SerialLink:
         self._stamped.write(data)
         return chunk
 
+    def switch_simulated(self, *, on: bool) -> bool:
+        """Switch the supply of a simulated sensor; False where the port is none."""
+        switch = getattr(self._stamped, "switch", None)
+        if switch is not None:
+            switch(on=on)
+        return switch is not None
+
     def _record(self, event: LinkEvent) -> None:
         if event.kind == LinkKind.SENT:
             self._recorder.tx(Chunk(event.utc_ns, event.mono_ns, bytes.fromhex(event.text)))

@@ -29,6 +29,9 @@ class SimulatedDevice(Protocol):
     def command(self, data: bytes, utc_ns: int) -> None:
         """Bytes that were sent to the sensor at an instant of its own time."""
 
+    def switch(self, *, on: bool) -> None:
+        """Switch its supply."""
+
 
 Factory = Callable[[dict[str, str]], SimulatedDevice]
 
@@ -59,6 +62,10 @@ class Serial(TimestampedSerial):
         if faults is not None:
             items = inject(items, faults, int(self.baudrate), device_resets=True)
         return (cut(items, most) if most else items), speed
+
+    def switch(self, *, on: bool) -> None:
+        """Switch the supply of the simulated sensor."""
+        self._device.switch(on=on)
 
     def _take(self, data: bytes) -> None:
         self._device.command(data, self.stamp()[0])

@@ -10,6 +10,7 @@ import click
 
 COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, judge",
+    "procedure": "run a test by its steps, with one report",
     "status": "show a running session, or end it with --stop",
     "note": "record a line of text in a running session",
     "replay": "do the same from a session or a raw capture",
@@ -49,6 +50,10 @@ EXAMPLES = {
         "gse run --view web",
         "gse run roof.yaml --port /dev/ttyUSB0 --duration 30m",
     ),
+    "procedure": ("gse procedure init test.yaml", "gse procedure run test.yaml"),
+    "procedure run": ("gse procedure run test.yaml --view web", "gse procedure run test.yaml --answers answers.yaml"),
+    "procedure check": ("gse procedure check test.yaml", "gse procedure check tests/roof.yaml"),
+    "procedure init": ("gse procedure init test.yaml", "gse procedure init tests/roof.yaml"),
     "status": ("gse status", "gse status --stop sessions/20260320T183000Z-ST-1"),
     "replay": (
         "gse replay sessions/20260320T183000Z-ST-1/session.mcap --identifier pivot",
@@ -156,6 +161,10 @@ _LIVE = ("--bind", "--http-port", "--save-rrd", "--json-frames")
 _JUDGED = ("--earth-orientation", "--plots", "--paper")
 ADVANCED: Mapping[str, tuple[str, ...]] = {
     "run": ("--station", *_LIVE, *_JUDGED, "--identifier", "--scene", "--rates", "--wait-port", "--json"),
+    "procedure run": (
+        *("--station", "--from", "--answers", "--operator", "--view", "--out", "--plots", "--paper", "--json"),
+        *("--verbose", *_LIVE),
+    ),
     "replay": (*_LIVE, *_JUDGED, "--leave-out", "--start-utc", "--address"),
     "report": (*_JUDGED, "--start-utc", "--anew", "--screenshot"),
     "why": ("--with-site", "--clock-error"),

@@ -219,17 +219,17 @@ def command(
     if every is not None:
         if detached:
             raise UsageError("--every night needs its process; leave out --detach, and start it by systemd or nohup")
-        ctx.exit(run_every_night(sys.argv[1:], out, _say))
-    session = _Session(detach() if detached else None)
+        ctx.exit(run_every_night(sys.argv[1:], out, say_line))
+    session = OneSession(detach() if detached else None)
     shown: list[Shown] = []
     stage = None
     if station.port.url.startswith("sim://"):
-        station, text = _simulated(*_with_scene(station, text, scene, rates), shown)
+        station, text = simulated(*_with_scene(station, text, scene, rates), shown)
     elif station.screen is not None or scene is not None or rates is not None:
         stage = stage_of(station, scene, rates)
     notes = Notes()
     live_outputs, alarmed = LiveOutputs(live, notes=notes), contextlib.ExitStack()
-    with Ending(_say) as ending, terminal.queued(_waits_for_reader(station, ending)):
+    with Ending(say_line) as ending, terminal.queued(waits_for_reader(station, ending)):
         _list_unfinished(out)
         if from_text is not None:
             begin_ns = night.begin_ns(from_text, station.site, read_clock().utc_ns, until_text)
@@ -243,7 +243,7 @@ def command(
             if (station.alarms.command or station.alarms.post) and not station.port.url.startswith("replay://"):
                 from gse.sessions.alarms import Alarmed
 
-                alarmed.enter_context(Alarmed(station.alarms, live, folder, notes, tell=_say))
+                alarmed.enter_context(Alarmed(station.alarms, live, folder, notes, tell=say_line))
             return live_outputs.listeners(loop, folder, live)
 
         def receive() -> "LiveSession":
@@ -255,7 +255,7 @@ def command(
                 out,
                 Operator(
                     ending,
-                    _say,
+                    say_line,
                     session.opened,
                     session.terminal_news,
                     notes,
@@ -272,7 +272,7 @@ def command(
             live_outputs.enter_judging()
             return received
 
-        with live_outputs, alarmed, served(stage, _say):
+        with live_outputs, alarmed, served(stage, say_line):
             report, found = session.run(receive, ending, clock_error_s, plots=plots)
             if report:
                 live_outputs.conclude(report)
@@ -283,7 +283,7 @@ def command(
         ctx.exit(session.finish(report, found))
 
 
-class _Session:
+class OneSession:
     """One session from the open port to the exit code."""
 
     def __init__(self, detachment: Detachment | None) -> None:
@@ -296,8 +296,8 @@ class _Session:
         self.folder, self._status = folder, status
         if self._detachment is not None:
             self._detachment.into(folder)
-        _say(f"recording: {folder / 'session.mcap'}")
-        _say("Ctrl-C ends the session: it is closed, judged and reported")
+        say_line(f"recording: {folder / 'session.mcap'}")
+        say_line("Ctrl-C ends the session: it is closed, judged and reported")
 
     def terminal_news(self) -> list[terminal.News]:
         """Events of the readers of stdout and stderr since the last call; a log in their place is kept small."""
@@ -338,13 +338,13 @@ class _Session:
         """The written report of the session."""
         if self._status is not None:
             self._status.enter("reporting")
-        _say(f"judging and reporting in {live.folder}")
+        say_line(f"judging and reporting in {live.folder}")
         with ending.interruptible():
             assessment = judge_as_stated(live.session, clock_error_s)
             report = conclude(live.session, assessment, live.folder, live.own_elapsed_us, plots=plots)
         from gse.sessions.kept_results import keep_live
 
-        keep_live(live.session, assessment, live.folder, _say)
+        keep_live(live.session, assessment, live.folder, say_line)
         return report
 
     def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
@@ -376,12 +376,12 @@ def _with_scene(station: Station, text: str, scene: str | None, rates: str | Non
     return _with_url(station, text, sim_url(**(parse_mock_url(station.port.url).options | given)))
 
 
-def _say(text: str) -> None:
+def say_line(text: str) -> None:
     with contextlib.suppress(OSError):
         click.echo(text, err=True)
 
 
-def _waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
+def waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
     """Whether output waits for its reader: only with simulated or recorded data, until the session is to end."""
     can_wait = station.port.url.startswith(("sim://", "replay://"))
     return lambda: can_wait and not ending.asked()
@@ -393,7 +393,7 @@ _LOOK_EVERY_S = 0.5
 def _wait_until(utc_ns: int, ending: Ending) -> bool:
     """Wait for an instant of the host's clock; False where a signal asked for the end before."""
     if utc_ns > read_clock().utc_ns:
-        _say(f"waiting until {instant.to_text(utc_ns, 0)}; Ctrl-C ends it")
+        say_line(f"waiting until {instant.to_text(utc_ns, 0)}; Ctrl-C ends it")
     pause = threading.Event()
     while read_clock().utc_ns < utc_ns:
         if ending.asked():
@@ -407,9 +407,9 @@ def _list_unfinished(out: Path) -> None:
 
     found = [folder for folder in session_folders(out) if is_unfinished(folder)]
     for folder in found[-_MOST_LISTED:]:
-        _say(f"unfinished session: {folder} has no report; make one with: gse report {folder}")
+        say_line(f"unfinished session: {folder} has no report; make one with: gse report {folder}")
     if len(found) > _MOST_LISTED:
-        _say(f"and {len(found) - _MOST_LISTED} older ones")
+        say_line(f"and {len(found) - _MOST_LISTED} older ones")
 
 
 def _taken(news: list[Shown]) -> Callable[[], list[Shown]]:
@@ -422,7 +422,7 @@ def _taken(news: list[Shown]) -> Callable[[], list[Shown]]:
     return take
 
 
-def _simulated(station: Station, text: str, shown: list[Shown]) -> tuple[Station, str]:
+def simulated(station: Station, text: str, shown: list[Shown]) -> tuple[Station, str]:
     """The station with the changes of the scenario in its sim:// URL; registers the simulated sensor.
 
     What the scenario's scene shows is added to ``shown``.

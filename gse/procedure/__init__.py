@@ -1,1 +1,1 @@
-"""A test by a procedure: the supply of the sensor."""
+"""A test by a procedure: the supply, the file, the steps, the as-run log."""

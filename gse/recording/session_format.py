@@ -36,6 +36,8 @@ class RecorderKind(StrEnum):
 
 STATION = "station.yaml"
 PROTOCOL = "protocol.yaml"
+PROCEDURE = "procedure.yaml"
+"""The procedure file of a run, for people: the events of the run say what was done."""
 EARTH_ORIENTATION = "earth_orientation.json"
 STATED = "stated.json"
 """Statements of the operator for the session: {"clock_error_s": 0.1}."""
@@ -58,7 +60,7 @@ MOST_KINDS = 100
 OTHER = "OTHER"
 MOST_CLOCK_READINGS = 50_000
 """One a minute for a month."""
-_KNOWN = (STATION, PROTOCOL, EARTH_ORIENTATION, STATED, IDENTIFIER)
+_KNOWN = (STATION, PROTOCOL, PROCEDURE, EARTH_ORIENTATION, STATED, IDENTIFIER)
 _RENEWED = (EARTH_ORIENTATION, IDENTIFIER)
 """Attached again where they change: the clock was put right; a program said its version with its first answer."""
 _SEARCH_AHEAD = 1000

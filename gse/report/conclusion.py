@@ -26,6 +26,7 @@ _CLOCK_WORD = "clock leaves an unknown error"
 _UNREADABLE_STEP = "find the protocol: gse decode --try SESSION"
 _LINE_STEP = "look at what did not arrive whole, then at cable and baud rate: gse decode SESSION --discards"
 _STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
+_PROCEDURE_STEP = "mend what the step says, and run it again: gse procedure run FILE"
 _COVERED_STEP = "repeat it with nothing before the lens; where nothing was, the sensor was blind: gse view SESSION"
 _PLAN_STEP = "see how much longer a session must be: gse plan SESSION"
 _LABELS = (("reason", "why"), ("cause", "cause"), ("note", "note"), ("next", "next"))
@@ -41,7 +42,7 @@ def conclusion(report: dict[str, Any]) -> dict[str, Any]:
     A PASS has no cause; what was found beside it is its ``note``.
     """
     is_pass = report["verdict"] == "PASS"
-    cause, equals, steps = _found(report)
+    cause, equals, steps = _found(report) if "procedure" not in report else _of_watched(report)
     found = f"{cause} - or, which this session cannot tell apart: {equals}" if equals else cause
     reason = _of_pass(report) if is_pass else _reason(report)
     return {
@@ -98,6 +99,10 @@ def _folded(label: str, text: str, columns: int | None, most: int) -> list[str]:
 
 def _subject(report: dict[str, Any]) -> str:
     facts, found = report["session"], report["identification"]
+    if "procedure" in report:
+        return (
+            f"{facts['sensor']}, {report['procedure']['name']}, {count_text(len(report['procedure']['steps']), 'step')}"
+        )
     names = " and ".join(found["subjects"])
     of = f"{facts['sensor']} ({names})" if names else facts["sensor"]
     if facts["first_utc"] is None:
@@ -108,13 +113,17 @@ def _subject(report: dict[str, Any]) -> str:
 
 
 def _of_pass(report: dict[str, Any]) -> str:
+    if "procedure" in report:
+        return "each step of the procedure passed"
     if report["decision"]["rule"] == Decision.SIMPLE:
         return "the value of every row that was tested keeps its limit; uncertainty does not count (decision: simple)"
     return "every row that was tested keeps its limit with 95 % confidence"
 
 
 def _reason(report: dict[str, Any]) -> str:
-    """The row that decides, or what stands in the way of PASS."""
+    """The step or the row that decides, or what stands in the way of PASS."""
+    if "procedure" in report:
+        return next(iter(report["reasons"]), "")
     if not report["identification"]["frames"]:
         return _without_frames(report)
     if not _is_compared(report):
@@ -175,6 +184,8 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
     steps = list(_found(report)[2] if steps is None else steps)
     if report["verdict"] == "PASS":
         return steps
+    if "procedure" in report and not steps:
+        return [_PROCEDURE_STEP]
     if report.get("external_identifier", {}).get("failures"):
         steps.append(_STDERR_STEP)
     if not report["identification"]["frames"] and report["link"]["bytes_in"] and not steps:
@@ -186,6 +197,11 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
     if not steps:
         steps.append(_PLAN_STEP if report["verdict"] == "INCONCLUSIVE" else "look at the errors: gse view SESSION")
     return list(dict.fromkeys(steps))
+
+
+def _of_watched(report: dict[str, Any]) -> tuple[str, str, list[str]]:
+    """The cause of what the steps saw that watched the sensor: of a step that was not done nothing is known."""
+    return _found(report) if report["diagnosis"] else ("", "", [])
 
 
 def _saw_no_sky(report: dict[str, Any]) -> bool:

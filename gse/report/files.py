@@ -20,7 +20,7 @@ from gse.verdict.assessment import Assessment
 
 # junit.xml: the measurements as test cases, for a CI server.
 
-_SESSION = "session"
+_SESSION, _STEP = "session", "procedure"
 
 
 def junit_xml(report: dict[str, Any]) -> str:
@@ -35,7 +35,8 @@ def junit_xml(report: dict[str, Any]) -> str:
         "outcome": report["verdict"],
         "reason": "\n".join([*conclusion_lines(report["conclusion"], "SESSION"), *further_lines(report)]),
     }
-    measurements = [*report["measurements"], verdict]
+    steps = [_of_step(step) for step in report.get("procedure", {}).get("steps", ())]
+    measurements = [*steps, *report["measurements"], verdict]
     outcomes = [measurement["outcome"] for measurement in measurements]
     suite = ET.Element(
         "testsuite",
@@ -52,10 +53,24 @@ def junit_xml(report: dict[str, Any]) -> str:
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(suite, encoding="unicode") + "\n"
 
 
+def _of_step(step: dict[str, Any]) -> dict[str, Any]:
+    """A step as a test case; one that was not done is an error, as what is not decided is."""
+    return {
+        "subject": _STEP,
+        "name": f"step {step['number']}: {step['planned']}",
+        "relative": False,
+        "outcome": "INCONCLUSIVE" if step["outcome"] == "not done" else step["outcome"],
+        "reason": step["seen"],
+        "seen": f"{step['outcome']}: {step['seen']}" + (f" ({step['by']})" if step["by"] else ""),
+    }
+
+
 def _case(measurement: dict[str, Any], report: dict[str, Any]) -> ET.Element:
     case = ET.Element("testcase", classname=f"gse.{measurement['subject']}", name=measurement["name"])
     if measurement["subject"] == _SESSION:
         text = "; ".join(conclusion_lines(report["conclusion"], "SESSION"))
+    elif measurement["subject"] == _STEP:
+        text = measurement["seen"]
     else:
         text = _figures(measurement)
     if measurement["relative"]:

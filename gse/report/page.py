@@ -83,6 +83,7 @@ def report_html(
         caption=numbered("Table", "caption"),
         without_plots=NO_PLOTS if drawn is None else "",
         plot=_plot(drawn),
+        starts_plot=_starts_plot(report.get("procedure")),
         times_recorded=times_recorded,
         sends_panoramas=sends_panoramas,
         zero_point_mag=zero_point_mag(session.frames.columns),
@@ -95,6 +96,31 @@ def report_html(
         station_text=plain_lines(session.station_text),
         provenance_json=json.dumps(made_by, separators=(",", ":")),
         provenance=[(key.replace("_", " "), _in_words(key, value)) for key, value in (made_by or {}).items()],
+    )
+
+
+_PLOT_PX, _PLOT_HEIGHT_PX = 640, 120
+
+
+def _starts_plot(run: dict[str, Any] | None) -> Markup:
+    """Each start as a point: its first fix in seconds, in their order; nothing of fewer than two."""
+    each = run["starts"]["each"] if run else []
+    known = [(n, start["first_fix_s"]) for n, start in enumerate(each) if start["first_fix_s"] is not None]
+    if len(known) < 2:
+        return Markup("")
+    longest = max(value for _, value in known)
+    step, scale = (_PLOT_PX - 60) / max(len(each) - 1, 1), (_PLOT_HEIGHT_PX - 30) / longest
+    points = "".join(
+        f'<circle cx="{50 + n * step:.1f}" cy="{_PLOT_HEIGHT_PX - 15 - value * scale:.1f}" r="3"/>'
+        for n, value in known
+    )
+    base = _PLOT_HEIGHT_PX - 15
+    return Markup(
+        f'<figure><svg viewBox="0 0 {_PLOT_PX} {_PLOT_HEIGHT_PX}" role="img" aria-label="first fix of each start">'
+        f'<path d="M45 5V{base}H{_PLOT_PX}" fill="none" stroke="currentColor"/>'
+        f'<text x="40" y="20" text-anchor="end" font-size="12" fill="currentColor">{longest:.1f} s</text>'
+        f'<text x="40" y="{base}" text-anchor="end" font-size="12" fill="currentColor">0</text>{points}</svg>'
+        f"<figcaption>First fix of each of the {len(each)} starts</figcaption></figure>"
     )
 
 

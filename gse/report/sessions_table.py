@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from gse.procedure.as_run import StepRun
 from gse.report.frames_table import frames_table
 from gse.report.result_key import ResultKey
 from gse.report.stars_table import stars_table
@@ -277,9 +278,11 @@ def _serial(session: SessionData) -> str | None:
 
 def _verdict(assessment: Assessment | None) -> Iterator[TableCell]:
     """``damaged`` is the column ``truncated`` of the conditions."""
-    yield from columns_of(
-        Assessment, assessment, without=("rows", "statistics", "budget", "damaged", "growing", "slew")
-    )
+    without = ("rows", "statistics", "budget", "damaged", "growing", "slew", "procedure")
+    yield from columns_of(Assessment, assessment, without=without)
+    log = assessment.procedure.log if assessment and assessment.procedure else None
+    yield column("procedure", TEXT, log.name if log else None)
+    yield records(StepRun, log.steps if log else None, "steps")
     yield records(Row, assessment.rows if assessment else None, "measurements")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.diagnosis.set_up_mistake import mount_fit
+from gse.procedure.as_run import StepRun, spread_of, station_of
 from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
 from gse.station.results import Subject
@@ -26,7 +27,7 @@ from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values import instant
 from gse.values.axis import OF_SENSOR, ON_SKY
 from gse.values.limits import Decision
-from gse.verdict.assessment import Assessment, is_left_out
+from gse.verdict.assessment import Assessment, Procedure, is_left_out
 from gse.verdict.requirements import SlewStep
 from protocols import StatusMessage
 
@@ -123,6 +124,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
     external = external_identifier(session)
     if external is not None:
         report["external_identifier"] = external
+    if assessment.procedure is not None:
+        report["procedure"] = procedure_run(session, assessment.procedure)
     document: dict[str, Any] = plain(report)
     return document | {"conclusion": conclusion(document)}
 
@@ -141,6 +144,48 @@ def _slew_step(subject: Subject, step: SlewStep) -> dict[str, Any]:
         "outcome": step.outcome,
         "reasons": [row.reason for row in step.rows if row.outcome is not Outcome.PASS],
     }
+
+
+def procedure_run(session: SessionData, run: Procedure) -> dict[str, Any]:
+    """The as-run log: each step with its outcome, those that watched the sensor with their rows, and the starts."""
+    return {
+        "name": run.log.name,
+        "operator": run.log.operator,
+        "simulated": session.is_simulated,
+        "is_over": run.log.is_over,
+        "power": run.log.power,
+        "deviations": run.log.deviations,
+        "steps": [
+            {
+                "number": step.number,
+                "planned": step.planned,
+                "outcome": step.outcome,
+                "seen": step.seen,
+                "by": step.by,
+                "from": None if step.from_ns is None else instant.to_text(step.from_ns, 3),
+                "until": instant.to_text(step.until_ns, 3),
+                "rows": _rows_of_step(session, step, run.watched.get(step.number)),
+            }
+            for step in run.log.steps
+        ],
+        "starts": {
+            "boot": spread_of([start.boot_s for start in run.starts]),
+            "first_fix": spread_of([start.first_fix_s for start in run.starts]),
+            "each": [
+                {"utc": instant.to_text(start.utc_ns, 3), "boot_s": start.boot_s, "first_fix_s": start.first_fix_s}
+                for start in run.starts
+            ],
+        },
+    }
+
+
+def _rows_of_step(session: SessionData, step: StepRun, assessment: Assessment | None) -> list[dict[str, Any]]:
+    """The rows of a stretch that a step watched, with the requirements that it names."""
+    watch = step.watch
+    if watch is None or assessment is None:
+        return []
+    under = dataclasses.replace(session, station=station_of(session.station, watch))
+    return [_row(under, row) for row in assessment.rows if not math.isnan(row.limit)]
 
 
 def tested(session: SessionData, stats: Statistics) -> str:

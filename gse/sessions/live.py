@@ -7,6 +7,7 @@ import signal
 import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from itertools import chain
@@ -17,12 +18,16 @@ from typing import Any, Self
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading, read_clock
 from drivers.errors import DriverError, PortError
-from drivers.link import SerialLink
+from drivers.link import ITEMS_AT_ONCE, SerialLink
 from drivers.session_file.records import CLOCK
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.external.recorded import recorded_json
-from gse.procedure.power import PowerSwitch
+from gse.procedure.as_run import StepOutcome, StepRun
+from gse.procedure.desk import ANSWER
+from gse.procedure.engine import Run
+from gse.procedure.file import Watch
+from gse.procedure.power import PowerSwitch, Ran
 from gse.recording.recorder import CLOSE_S, Recorder
 from gse.recording.session_format import (
     ANSWER_TOPIC,
@@ -31,6 +36,7 @@ from gse.recording.session_format import (
     LOG_TOPIC,
     MOST_READINGS,
     POWER_TOPIC,
+    PROCEDURE,
     PROTOCOL,
     SCREEN_TOPIC,
     STATED,
@@ -50,6 +56,7 @@ from gse.station.notes import OF_SENSOR, Notes, event_of
 from gse.station.polling import check_asking
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed, check_external, set_up
+from gse.statistics.decision import Outcome
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
@@ -155,6 +162,9 @@ FIRST_WITHIN_S = 1.0
 FEW_BYTES = 64 << 10
 """Fewer unwritten bytes than this are usual."""
 
+_ITEMS_OF_A_STEP = 3
+"""Chunks of a simulated port between two looks at the steps of a procedure: about a panorama."""
+
 CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
 
@@ -224,8 +234,11 @@ def run_live(
     wait_port: bool = False,
     clock_error_s: float | None = None,
     given_orientation: GivenTables | None = None,
+    procedure: Run | None = None,
 ) -> LiveSession:
     """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or a signal.
+
+    With a ``procedure`` until its last step, and its cleanup in any case.
 
     Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened,
     UsageError where an external identifier cannot be started: then nothing is left behind.
@@ -264,7 +277,8 @@ def run_live(
     status = StatusFile(folder, live, operator.notes)
     with recorder, link:
         operator.opened(folder, status)
-        first = link.receive(FIRST_WITHIN_S)
+        most = _ITEMS_OF_A_STEP if procedure is not None and not link.is_live else ITEMS_AT_ONCE
+        first = link.receive(FIRST_WITHIN_S, most)
         with operator.ending.interruptible():
             began_ns = first[0].utc_ns if first else link.utc_ns() or None
             setup = set_up(station, station_text, utc_ns=began_ns, tell=operator.tell)
@@ -276,14 +290,30 @@ def run_live(
         live.housekeeping = loop.session.housekeeping
         live.in_work_since_ns = lambda: loop.in_work_since_ns
         loop.listeners = make_listeners(loop, folder, live)
+        if procedure is not None:
+            recorder.attach(PROCEDURE, "application/yaml", procedure.procedure.text.encode())
+            loop.listeners = (*loop.listeners, procedure.seen)
+            loop.take_frame = procedure.take_frame
+            procedure.begin(_Bench(loop, link, recorder, power, operator.ending))
+            derived_data.procedure = procedure
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
         leave = operator.ending.leaves_the_rest
         with asking or nullcontext(), power or nullcontext():
             wait_s = asking.wait_s if asking else lambda: RECEIVE_TIMEOUT_S
-            session = loop.run(
-                link, first, stop=derived_data.is_over, leave=leave, each=derived_data.keep, wait_s=wait_s
-            )
+            try:
+                session = loop.run(
+                    link,
+                    first,
+                    stop=derived_data.is_over,
+                    leave=leave,
+                    each=derived_data.keep,
+                    wait_s=wait_s,
+                    most=most,
+                )
+            finally:
+                if procedure is not None:
+                    procedure.finish(operator.ending.reason or "the end of the data")
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
@@ -316,6 +346,7 @@ class _DerivedDataRecorder:
     ) -> None:
         self._loop, self._recorder, self._link, self._operator = loop, recorder, link, operator
         self._asking, self._power = asking, power
+        self.procedure: Run | None = None
         self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -324,7 +355,9 @@ class _DerivedDataRecorder:
         self._identity_kept: dict[str, object] | None = None
 
     def is_over(self) -> bool:
-        """Whether a signal asked for the end, or the duration is over."""
+        """Whether a signal asked for the end, or the duration is over; a procedure ends with its cleanup."""
+        if self.procedure is not None:
+            return self.procedure.is_over or self._operator.ending.leaves
         if self._operator.ending.asked() or self._operator.scene_is_over():
             return True
         if self._duration_ns is None or not self._link.is_live:  # a simulated port ends by itself
@@ -361,12 +394,16 @@ class _DerivedDataRecorder:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
             for text in self._operator.notes.take():
-                if text.startswith(OF_SENSOR):
+                if self.procedure is not None and text.startswith(ANSWER):
+                    self.procedure.desk.put_note(text)
+                elif text.startswith(OF_SENSOR):
                     with contextlib.suppress(PortError):  # the port is gone: gse sensor gets no answer and asks again
                         self._link.send(bytes.fromhex(text.removeprefix(OF_SENSOR)))
                 else:
                     self._event(*event_of(text))
         self._read_clock()
+        if self.procedure is not None:
+            self.procedure.tick()
 
     def take_screen(self, utc_ns: int) -> None:
         """Record what the screen before the sensor showed: truth needs it before the panoramas that saw it."""
@@ -420,6 +457,53 @@ class _DerivedDataRecorder:
             self._clock_due_ns = reading.mono_ns + CLOCK_EVERY_NS
             self._loop.read_clock(reading)
             self._recorder.derived(CLOCK, reading.utc_ns, clock_json(reading))
+
+
+class _Bench:
+    """What the steps of a procedure act on: this session, its port, its supply."""
+
+    def __init__(
+        self, loop: StationLoop, link: SerialLink, recorder: Recorder, power: PowerSwitch | None, ending: Ending
+    ) -> None:
+        self._loop, self._link, self._recorder, self._power, self._ending = loop, link, recorder, power, ending
+        self.session, self.protocol, self.is_live = loop.session, loop.setup.protocol, link.is_live
+
+    def now(self) -> tuple[int, int]:
+        """UTC and monotonic nanoseconds of the data."""
+        return self._link.utc_ns(), self._link.mono_ns()
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the sensor; PortError where the port is gone."""
+        self._link.send(data)
+
+    def record(self, kind: str, text: str) -> None:
+        """An event of the session, now."""
+        event = LinkEvent(*self.now(), kind, text)
+        self._recorder.event(event)
+        self._loop.take([event])
+
+    def switch(self, *, on: bool) -> "Future[Ran] | None":
+        """Switch the supply; a simulated sensor has one of its own, whatever the station file names."""
+        if self._power is not None:
+            return self._power.switch(on=on)
+        simulated: Future[Ran] = Future()
+        if self.is_live or not self._link.switch_simulated(on=on):
+            return None
+        self.record(StationKind.POWER_ON if on else StationKind.POWER_OFF, "the simulated supply")
+        simulated.set_result(Ran(True, "the simulated supply"))
+        return simulated
+
+    def judge(self, from_ns: int, until_ns: int, watch: Watch) -> tuple[Outcome, str]:
+        """Judge a stretch of the session."""
+        from gse.verdict.assessment import judge_watch  # what draws conclusions is imported when it is needed
+
+        step = StepRun("", "", StepOutcome.PASS, "", "", from_ns, until_ns)
+        assessment = judge_watch(self.session, step, watch)
+        return Outcome(assessment.verdict.value), next(iter(assessment.reasons), "")
+
+    def interrupted(self) -> str:
+        """Why the run is to end; empty where it is not."""
+        return self._ending.reason
 
 
 def _simulated_clock(utc_ns: int) -> ClockReading:

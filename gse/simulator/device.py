@@ -65,6 +65,11 @@ class SimulatedSensor:
         arrived_ns = max(utc_ns, self._now_ns) + len(data) * self._byte_ns
         self._receive(self._firmware.command(data, arrived_ns))
 
+    def switch(self, *, on: bool) -> None:
+        """Switch the sensor's supply."""
+        self._chunks = deque(chunk._replace(data=b"") for chunk in self._chunks) if not on else self._chunks
+        self._firmware.switch(self._now_ns, on=on)
+
     def _receive(self, transmissions: list[Transmission]) -> None:
         """Cut what is sent into what is read: each read takes the bytes that are complete by then."""
         for sent in transmissions:

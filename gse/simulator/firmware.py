@@ -21,7 +21,7 @@ from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.scenario import Firmware as Traits
 from gse.simulator.scenario import profile_at
-from gse.values.instant import NS_PER_S
+from gse.values.instant import LAST_NS, NS_PER_S
 from gse.values.sensor_time import tag_us_of, to_middle_us
 from protocols import (
     AttitudeMessage,
@@ -127,6 +127,14 @@ class SensorFirmware:
         self._items.power_on(power_on_ns)
         self._items_due_ns = ready_ns
         self._late: list[tuple[int, Command, int]] = []
+
+    def switch(self, utc_ns: int, *, on: bool) -> None:
+        """Switch its supply: off it says nothing, on it starts anew."""
+        self._resets_ns = [reset_ns for reset_ns in self._resets_ns if reset_ns > utc_ns]
+        boot_s = self._traits.boot_s * float(self._random.uniform(1, _SLOWEST_BOOT))
+        self._power_on(utc_ns, utc_ns + round(boot_s * NS_PER_S) if on else LAST_NS)
+        if not on:
+            self._next_start_ns = None
 
     @property
     def due_ns(self) -> int | None:

@@ -54,6 +54,10 @@ class StationKind(StrEnum):
     POWER_OFF = "POWER_OFF"
     POWER_SAID = "POWER_SAID"
     POWER_FAILED = "POWER_FAILED"
+    PROCEDURE = "PROCEDURE"
+    STEP_BEGUN = "STEP_BEGUN"
+    STEP_DONE = "STEP_DONE"
+    PROCEDURE_ENDED = "PROCEDURE_ENDED"
 
 
 @dataclass(frozen=True, slots=True)

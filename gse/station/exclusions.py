@@ -53,6 +53,8 @@ class Cause(StrEnum):
     OPERATOR = "operator"
     MOUNT = "mount"
     """It was touched: nobody knows where it looked."""
+    STEP = "other step"
+    """No step of the procedure watched it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,7 +90,7 @@ from gse.values.panorama import Panorama, Panoramas
 from gse.values.sensor_time import time_of
 from gse.values.shown import ShownSky
 from gse.values.site import Site
-from protocols import StatusMessage
+from protocols import Frame, StatusMessage
 from protocols.description import TimeDescription
 
 if TYPE_CHECKING:
@@ -283,6 +283,8 @@ class StationLoop:
         self.in_work_since_ns = 0
         self.left_bytes = 0
         self.listeners: Sequence[Listener] = ()
+        self.take_frame: Callable[[Frame], None] | None = None
+        """Gets each frame, for a procedure that awaits the answer to a command."""
         self.most_at_once = MOST_AT_ONCE
         align_s = station.mount.align_s
         self._first_seconds = FirstSeconds(align_s, self.session) if align_s is not None else None
@@ -322,21 +324,22 @@ class StationLoop:
         leave: Callable[[], bool] = lambda: False,
         each: Callable[[list[FrameResults]], None] = lambda results: None,
         wait_s: Callable[[], float] = lambda: RECEIVE_TIMEOUT_S,
+        most: int = ITEMS_AT_ONCE,
     ) -> SessionData:
         """Receive until the link is at its end or ``stop`` says so; then process what a live port gave until then.
 
         ``stop`` is asked after each WORK_S of work. ``first`` is what was received already, ``each`` gets the results
-        of every round, ``wait_s`` says how long a round may wait. Where ``leave`` says so after the stop, the rest is
-        left: it is recorded, and ``left_bytes`` says how much it is.
+        of every round, ``wait_s`` says how long a round may wait; it takes at ``most`` so many items of the port.
+        Where ``leave`` says so after the stop, the rest is left: it is recorded, and ``left_bytes`` says how much.
         """
         items: Sequence[Chunk | LinkEvent] = first
         try:
             while (items or not link.at_end) and not (stop and stop()):
-                items = items or self._received(link, wait_s(), may_stop=stop is not None)
+                items = items or self._received(link, wait_s(), most, may_stop=stop is not None)
                 items = self._take_some(items, len(items) if stop is None else self._items_at_once, each)
             if link.is_live:
                 link.close()  # what came is recorded, so it counts
-            while (items := items or (self._received(link, 0) if link.is_live else [])) and not leave():
+            while (items := items or (self._received(link, 0, most) if link.is_live else [])) and not leave():
                 items = self._take_some(items, self._items_at_once, each)
             self.left_bytes = link.backlog_bytes + sum(len(item.data) for item in items if isinstance(item, Chunk))
             if not items:
@@ -345,9 +348,11 @@ class StationLoop:
             self._close_external()
         return self.session
 
-    def _received(self, link: SerialLink, timeout_s: float, *, may_stop: bool = True) -> Sequence[Chunk | LinkEvent]:
+    def _received(
+        self, link: SerialLink, timeout_s: float, most: int, *, may_stop: bool = True
+    ) -> Sequence[Chunk | LinkEvent]:
         """What the link gives; where a stop may come in pieces of few frames: a network port gives hundreds at once."""
-        items = link.receive(timeout_s)
+        items = link.receive(timeout_s, most)
         return list(cut(iter(items), _PIECE_BYTES)) if may_stop else items
 
     def _take_some(
@@ -383,6 +388,10 @@ class StationLoop:
             else:
                 chunks.append(item)
         stream += self._framed(chunks)
+        if self.take_frame is not None:
+            for at in stream:
+                if isinstance(at, FrameAt):
+                    self.take_frame(at.frame)
         return self._identify(self.reception.receive(stream)) if stream else []
 
     def _port_event(self, event: LinkEvent) -> list[LinkEvent]:

@@ -216,6 +216,13 @@ class Arrivals:
         self._counters.sensor_resets = sum(of.resets for of in trackers)
         return arrival
 
+    def start_anew(self) -> None:
+        """The sensor is known to have started anew: its supply was switched on."""
+        for tracker in self._trackers.values():
+            tracker.start_anew()
+        self._latest.clear()
+        self._panorama_before = None
+
     def new_panorama(self, frame_no: int) -> None:
         """A panorama came that is not a copy.
 
@@ -380,6 +387,9 @@ class Reception:
         for item in stream:
             if isinstance(item, LinkEvent):
                 found = self._polling.sent(item) if item.kind == LinkKind.SENT else [item]
+                if item.kind == StationKind.POWER_ON:
+                    self._arrivals.start_anew()
+                    self._clock.reset()
                 news += [(len(made), event) for event in found]
             elif columns is not None and item.frame.type == self._panorama_type:
                 before = len(made)

@@ -506,6 +506,7 @@ LEFT_OUT = (
     LeftOut(Cause.FASTER, _between_scenes, _ANY, "the scene turned faster than `limits.slew_deg_per_s` asks"),
     LeftOut(Cause.OPERATOR, _stated, _ABSENCE, "left out by the operator, who says why"),
     LeftOut(Cause.MOUNT, _touched, _ANY, "the mount was touched, as the operator says, so that truth is not known"),
+    LeftOut(Cause.STEP, _stated, _ANY, "no step of the procedure watched it"),
 )
 
 LOST_STATION = Excuse(

@@ -2,6 +2,8 @@
 
 Each subject on trial has the rows of gse.verdict.requirements; gse.statistics.decision gives the rule.
 
+The run of a procedure is judged by its steps; those that watched the sensor have rows of their own.
+
 FAIL where a row fails. A row that fails for what excuses it is INCONCLUSIVE (gse.statistics.excuses); so is a session
 where a row of the accuracy, availability or false answers cannot be decided, or where something stands in the way of
 PASS (gse.verdict.obstacles). PASS otherwise, with what was not tested.
@@ -9,8 +11,8 @@ PASS (gse.verdict.obstacles). PASS otherwise, with what was not tested.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from html import escape
 
 from gse.config.station import Station
@@ -31,6 +33,8 @@ from gse.diagnosis.set_up_mistake import (
     without_turn,
 )
 from gse.external.identifier import ExternalCounts
+from gse.procedure.as_run import AsRun, Start, StepOutcome, StepRun, as_run, not_watched, starts, stretch
+from gse.procedure.file import Watch
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Claim, Outcome, Row
@@ -65,6 +69,7 @@ class Assessment:
     still being recorded.
     ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
     ``slew`` has the steps of each subject before a screen that turned at several rates.
+    Of a ``procedure`` the verdict is that of its steps; the rows are the worst of the stretches that it watched.
     """
 
     verdict: Verdict
@@ -80,6 +85,7 @@ class Assessment:
     health: SensorHealth
     growing: bool = False
     slew: Mapping[Subject, tuple[SlewStep, ...]] = field(default_factory=dict)
+    procedure: "Procedure | None" = None
 
     def __repr__(self) -> str:
         """Five lines at most: a notebook shows it after each ``gse.judge``."""
@@ -113,8 +119,72 @@ class Assessment:
         return ", ".join(["PASS", *["relative"] * self.relative, *["damaged session"] * self.damaged, *so_far])
 
 
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """A run: its ``log``, the assessment of each stretch that a step ``watched``, by its number, and its ``starts``."""
+
+    log: AsRun
+    watched: Mapping[str, Assessment]
+    starts: tuple[Start, ...]
+
+
 def judge(session: SessionData) -> Assessment:
-    """Measure a session and judge it."""
+    """Measure a session and judge it: by its steps where it is the run of a procedure."""
+    log = as_run(session.events)
+    return _judge(session) if log is None else _judge_procedure(session, log)
+
+
+def judge_watch(session: SessionData, step: StepRun, watch: Watch) -> Assessment:
+    """Judge a stretch of a session as a session of its own, under the limits of a step that watched it."""
+    return _judge(stretch(session, step, watch))
+
+
+def _judge_procedure(session: SessionData, log: AsRun) -> Assessment:
+    """What no step watched is left out of the statistics; the whole session decides on what a step watched."""
+    watches = [
+        (step, watch) for step in log.steps if (watch := step.watch) and step.outcome is not StepOutcome.NOT_DONE
+    ]
+    watched = {step.number: judge_watch(session, step, watch) for step, watch in watches}
+    log = replace(log, steps=tuple(_as_judged(step, watched.get(step.number)) for step in log.steps))
+    whole = _judge(replace(session, excluded=(*session.excluded, *not_watched(log))))
+    verdict = log.verdict
+    if verdict is Verdict.PASS and session.truncated:
+        verdict = Verdict.INCONCLUSIVE
+    lines = [*log.reasons(), *(line for one in watched.values() for line in one.reasons)]
+    return replace(
+        whole,
+        verdict=verdict,
+        reasons=tuple(dict.fromkeys(lines)),
+        rows=_worst_rows(watched.values()),
+        findings=tuple(dict.fromkeys(found for one in watched.values() for found in one.findings)),
+        not_tested=tuple(dict.fromkeys(line for one in watched.values() for line in one.not_tested)),
+        procedure=Procedure(log, watched, starts(session)),
+    )
+
+
+def _as_judged(step: StepRun, assessment: Assessment | None) -> StepRun:
+    """A step with the verdict on its stretch, which the whole session shows better than the moment of its end did."""
+    if assessment is None or assessment.verdict.value == step.outcome.value:
+        return step
+    words = f"{step.seen}; {step.outcome} when it ended, {assessment.verdict} by the whole session"
+    return replace(step, outcome=StepOutcome(assessment.verdict.value), seen=words)
+
+
+def _worst_rows(assessments: Iterable[Assessment]) -> tuple[Row, ...]:
+    """Of each subject and name the row that is worst, in the order of the first."""
+    worst: dict[tuple[Subject, str], Row] = {}
+    for one in assessments:
+        for row in one.rows:
+            before = worst.setdefault((row.subject, row.name), row)
+            if _WORST_FIRST.index(row.outcome) < _WORST_FIRST.index(before.outcome):
+                worst[row.subject, row.name] = row
+    return tuple(worst.values())
+
+
+_WORST_FIRST = (Outcome.FAIL, Outcome.INCONCLUSIVE, Outcome.PASS, Outcome.NOT_TESTED)
+
+
+def _judge(session: SessionData) -> Assessment:
     stats = statistics(session)
     budget = _budget(session, stats)
     relative = _is_relative(session.station)

@@ -96,6 +96,9 @@ function show(state) {
   put("frames-note", `${number(state.frames_per_s, 1)}/s, ${state.frames_lost} lost`);
   at("alarms").hidden = !state.alarms.length;
   put("alarm-text", state.alarms.join("; "));
+  at("question").hidden = !state.question;
+  if (at("question-text").textContent !== state.question) at("answer-problem").textContent = "";
+  put("question-text", state.question);
   if (state.errors) takeErrors(state.errors);
   showTurn(state.turn);
   showFocus(state.focus);
@@ -410,6 +413,14 @@ at("note").onsubmit = async (event) => {
   const touched = event.submitter && event.submitter.value === "mount";
   if (await leaveNote((touched ? "mount: " : "") + at("note-text").value)) at("note-text").value = "";
 };
+// With the number of its step: by the time that it comes another one may ask.
+async function answer(text) {
+  const step = at("question-text").textContent.match(/^step ([0-9.]+):/);
+  if (step && await leaveNote(`answer:${step[1]}: ${text}`)) at("answer-text").value = "";
+  put("answer-problem", at("note-answer").textContent.startsWith("noted") ? "" : at("note-answer").textContent);
+}
+at("answer").onsubmit = (event) => { event.preventDefault(); answer(at("answer-text").value); };
+at("answer-no").onclick = () => answer("no");
 at("alarm-seen").onclick = () => leaveNote(`alarm seen: ${at("alarm-text").textContent}`.slice(0, 280));
 addEventListener("resize", fitWord);
 applyThemes();

@@ -255,6 +255,7 @@ class Glance:
             "stars": self._stars(),
             "sky": so_far.sky or None,
             "alarms": list(self._live.alarms),
+            "question": self._live.question,
             "forecast": self._verdict if self.has_ended else self._live.forecast,
             **self._slow,
         }

@@ -375,9 +375,10 @@ class LiveState:
     """A listener of the station loop that knows how the session of a ``station`` stands (``so_far``).
 
     ``forecast`` is the line on the time to a verdict and ``metrics`` a table in Markdown, both empty before they are
-    known: another thread sets them; ``alarms`` are those that nobody has seen yet. ``page`` is the address of the
-    live page, None without one. ``housekeeping`` is that of the session, once there is one. ``in_work_since_ns`` says
-    when the bytes came that the loop works on (monotonic; 0: it waits for some).
+    known: another thread sets them; ``alarms`` are those that nobody has seen yet, ``question`` is what a procedure
+    asks its operator now. ``page`` is the address of the live page, None without one. ``housekeeping`` is that of the
+    session, once there is one. ``in_work_since_ns`` says when the bytes came that the loop works on (monotonic; 0: it
+    waits for some).
     """
 
     def __init__(self, station: Station) -> None:
@@ -385,6 +386,7 @@ class LiveState:
         self.so_far = SessionSoFar(station.limits)
         self.forecast = self.metrics = ""
         self.alarms: tuple[str, ...] = ()
+        self.question = ""
         self.page: str | None = None
         self.housekeeping = Housekeeping({})
         self.in_work_since_ns: Callable[[], int] = lambda: 0

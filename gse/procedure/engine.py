@@ -1,0 +1,470 @@
+"""The engine: the steps of a procedure, one after the other, on the ticks of the station's loop.
+
+Each kind of step is a generator that yields where it would wait; ``tick`` goes on with the one that runs, on the thread
+of the loop, which alone reads the port. What ends a run is thrown into that generator, so that it is the step that was
+interrupted which says so. The cleanup follows whatever happened; ``finish`` does what is left of it where no loop runs
+any more, without waiting.
+
+Time is that of the data: of the host's clock on a live port, of the simulation on a simulated one.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Protocol as Interface
+
+import numpy as np
+
+from drivers.chunk import LinkEvent, LinkKind
+from drivers.clock import read_clock
+from drivers.errors import PortError
+from gse.procedure.as_run import StepOutcome, event_text
+from gse.procedure.desk import STOPS, Desk, Question
+from gse.procedure.file import (
+    Act,
+    Ask,
+    Check,
+    Procedure,
+    Repeat,
+    Send,
+    ShareOf,
+    Step,
+    SwitchPower,
+    Tell,
+    Wait,
+    Watch,
+    items_of,
+)
+from gse.procedure.power import Ran
+from gse.station.columns import STATUSES
+from gse.station.events import StationKind
+from gse.station.frame_results import FrameResults
+from gse.station.results import Status
+from gse.station.session_data import SessionData
+from gse.statistics.decision import Outcome, share_of, share_outcome
+from gse.values.instant import NS_PER_S
+from gse.values.text import percent
+from protocols import NO_ANSWER, Condition, EncodeError, Frame, ItemValue, Protocol
+
+SILENT_NS = 2 * NS_PER_S
+"""A sensor that has sent no frame for so long is silent."""
+_LINK_OF = {
+    LinkKind.NO_PORT: "no port",
+    LinkKind.LOST: "no port",
+    LinkKind.OPENED: "waiting",
+    LinkKind.REOPENED: "waiting",
+    LinkKind.WAITING: "waiting",
+    LinkKind.SYNCING: "syncing",
+    LinkKind.STREAMING: "streaming",
+    LinkKind.STALE: "silent",
+}
+_SKY_OF = {
+    StationKind.CLEAR: "clear",
+    StationKind.CLOUDED: "clouded",
+    StationKind.NO_STARS: "no stars",
+    StationKind.DAYLIGHT: "daylight",
+    StationKind.DARK_NIGHT: "dark night",
+}
+_PERSON_S = 0.1
+_CLEANUP_S = 60.0
+"""Time that one program of the supply may still take when no loop runs any more; its own time-out is usually less."""
+
+
+class Bench(Interface):
+    """What the steps act on."""
+
+    session: SessionData
+    protocol: Protocol
+    is_live: bool
+
+    def now(self) -> tuple[int, int]:
+        """UTC and monotonic nanoseconds of the data."""
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the sensor; PortError where the port is gone."""
+
+    def record(self, kind: str, text: str) -> None:
+        """An event of the session, now."""
+
+    def switch(self, *, on: bool) -> "Future[Ran] | None":
+        """Switch the supply; None where there is no switch."""
+
+    def judge(self, from_ns: int, until_ns: int, watch: Watch) -> tuple[Outcome, str]:
+        """Judge a stretch of the session."""
+
+    def interrupted(self) -> str:
+        """Why the run is to end; empty where it is not."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    outcome: StepOutcome
+    seen: str = ""
+    by: str = ""
+
+    @property
+    def ends(self) -> bool:
+        """Whether the run ends here; what could not be decided does not end it."""
+        return self.outcome in (StepOutcome.FAIL, StepOutcome.NOT_DONE)
+
+
+_Ticks = Generator[None, None, _Done]
+
+
+class _Interrupted(Exception):  # noqa: N818  # it is no error
+    """Thrown into the step that runs."""
+
+
+class Seen:
+    """What the sensor showed since the last command, or switch of its supply; a listener of the loop."""
+
+    def __init__(self) -> None:
+        self.link, self.sky = "waiting", ""
+        self.stars = math.nan
+        self.frame_ns = self.first_answer_ns = 0
+        self.is_answered = False
+        self.since_ns = 0
+
+    def forget(self, now_ns: int) -> None:
+        """From now on: what was seen before says nothing any more."""
+        self.since_ns, self.frame_ns, self.first_answer_ns, self.is_answered = now_ns, 0, 0, False
+
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
+        """Take results."""
+        came_ns = results.rows["host_utc_ns"]
+        new = came_ns >= self.since_ns
+        if not new.any():
+            return
+        answered = (results.rows["status"] == STATUSES.index(Status.IDENTIFIED)) & new
+        self.frame_ns, self.is_answered = int(came_ns[new][-1]), bool(answered[new][-1])
+        self.stars = float(np.nan_to_num(results.rows["matched"][new][-1]))
+        if answered.any() and not self.first_answer_ns:
+            self.first_answer_ns = int(came_ns[answered][0])
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Take an event that says how link or sky is."""
+        self.link = _LINK_OF.get(event.kind, self.link)  # type: ignore[call-overload]
+        self.sky = _SKY_OF.get(event.kind, self.sky)  # type: ignore[call-overload]
+
+    def state(self, now_ns: int) -> str:
+        """The state of the sensor: acquired, searching or silent."""
+        if not self.frame_ns or now_ns - self.frame_ns > SILENT_NS:
+            return "silent"
+        return "acquired" if self.is_answered else "searching"
+
+
+class Run:
+    """One run of a procedure from step ``first`` on, by the operator at a ``desk``."""
+
+    def __init__(
+        self, procedure: Procedure, desk: Desk, *, first: str = "1", say: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self.procedure, self.desk = procedure, desk
+        self.seen = Seen()
+        self.is_over = False
+        self._first, self._say = first, say
+        self._bench: Bench | None = None
+        self._ticks: Iterator[None] | None = None
+        self._was_interrupted = self._hurries = False
+        self._began_ns = 0
+        self._measured: dict[str, list[float]] = defaultdict(list)
+        self._power = ""
+        self._frames: list[Frame] | None = None
+        self._sequence = 0
+
+    def begin(self, bench: Bench) -> None:
+        """Begin with the first step at the next tick."""
+        self._bench = bench
+        steps = str(len(self.procedure.steps))
+        bench.record(StationKind.PROCEDURE, event_text(self.procedure.name, self.desk.name, steps))
+        self._ticks = self._run()
+
+    def tick(self) -> None:
+        """Go on as far as the data allow."""
+        if self._ticks is None or self.is_over:
+            return
+        reason = self.bench.interrupted()
+        try:
+            if reason and not self._was_interrupted:
+                self._was_interrupted = True
+                self._ticks.throw(_Interrupted(reason))  # type: ignore[attr-defined]
+            else:
+                next(self._ticks)
+        except StopIteration:
+            self.is_over = True
+
+    def take_frame(self, frame: Frame) -> None:
+        """A frame of the sensor, while a command waits for its answer."""
+        if self._frames is not None:
+            self._frames.append(frame)
+
+    def finish(self, reason: str = "the session ended") -> None:
+        """Do what is left of the cleanup, without waiting for the sensor: no loop runs any more."""
+        self._hurries = True
+        if self._ticks is None or self.is_over:
+            return
+        try:
+            if not self._was_interrupted:
+                self._was_interrupted = True
+                self._ticks.throw(_Interrupted(reason))  # type: ignore[attr-defined]
+            for _ in self._ticks:
+                pass
+        except StopIteration:
+            pass
+        self.is_over = True
+
+    @property
+    def bench(self) -> Bench:
+        """What the steps act on, from ``begin`` on."""
+        assert self._bench is not None
+        return self._bench
+
+    # The run
+
+    def _run(self) -> Generator[None, None, None]:
+        yield  # the first tick comes with the first data
+        steps = self.procedure.steps
+        at = next((n for n, step in enumerate(steps) if step.number == self._first), 0)
+        for step in steps[:at]:
+            self._leave(step, f"the run began at step {self._first}")
+        ended = ""
+        try:
+            while at < len(steps) and not ended:
+                step, at = steps[at], at + 1
+                done = yield from self._step(step, step.number)
+                ended = f"step {step.number} {done.outcome}" if done.ends and not step.goes_on else ""
+        except _Interrupted as reason:
+            ended = str(reason)
+        self.desk.answered()
+        for step in steps[at:]:
+            self._leave(step, ended)
+        for step in self.procedure.cleanup:
+            yield from self._step(step, step.number)
+        left = f"the supply was left {self._power}" if self._power else "the supply was not switched"
+        self.bench.record(StationKind.PROCEDURE_ENDED, left)
+
+    def _leave(self, step: Step, reason: str) -> None:
+        self._record_done(step, step.number, _Done(StepOutcome.NOT_DONE, reason))
+
+    def _record_done(self, step: Step, number: str, done: _Done) -> None:
+        text = event_text(number, done.outcome, step.planned, done.seen, done.by)
+        self.bench.record(StationKind.STEP_DONE, text)
+        self._say(f"step {number} {done.outcome}: {done.seen or step.planned}")
+
+    def _step(self, step: Step, number: str) -> _Ticks:
+        self.bench.record(StationKind.STEP_BEGUN, event_text(number, step.planned))
+        self._began_ns = self.bench.now()[1]
+        try:
+            done = yield from self._act(step.act, number)
+        except _Interrupted as reason:
+            self._record_done(step, number, _Done(StepOutcome.NOT_DONE, f"interrupted by {reason}"))
+            raise
+        except PortError as error:
+            done = _Done(StepOutcome.NOT_DONE, f"the port is gone: {error}")
+        finally:
+            self._frames = None
+        self._record_done(step, number, done)
+        return done
+
+    def _act(self, act: Act, number: str) -> _Ticks:
+        match act:
+            case Tell():
+                return self._ask(Question(number, number, act.text, confirms=True), act.at_most_s)
+            case Ask():
+                return self._ask(Question(number, act.label, act.text, act.expect), act.at_most_s)
+            case SwitchPower():
+                return self._switch(on=act.on)
+            case Wait(for_s=float(for_s)):
+                return self._pause(for_s)
+            case Wait():
+                return self._wait(act)
+            case Send():
+                return self._send(act)
+            case Check():
+                return self._check(act)
+            case Watch():
+                return self._watch(act)
+            case Repeat():
+                return self._repeat(act, number)
+
+    def _passed_s(self) -> float:
+        """Seconds since the step began."""
+        return (self.bench.now()[1] - self._began_ns) / NS_PER_S
+
+    # Kinds of steps
+
+    def _ask(self, question: Question, at_most_s: float) -> _Ticks:
+        desk, began_ns = self.desk, read_clock().mono_ns
+        if self._hurries or not desk.can_answer(question):
+            return _Done(StepOutcome.NOT_DONE, "nobody can answer: run it in a terminal, with --view web or --answers")
+        desk.ask(question)
+        try:
+            while (read_clock().mono_ns - began_ns) / NS_PER_S < at_most_s:
+                # The time of a simulation stands still while its operator thinks.
+                given = desk.take(0.0 if self.bench.is_live else _PERSON_S)
+                if given is None:
+                    if self.bench.is_live or self.bench.interrupted():
+                        yield
+                    continue
+                answer, by = given
+                if question.confirms and answer.lower() in STOPS:
+                    return _Done(StepOutcome.NOT_DONE, f"the operator says {answer}", by)
+                if problem := question.problem(answer):
+                    if by == "answers file":
+                        return _Done(StepOutcome.FAIL, problem, by)
+                    desk.ask(question)
+                    continue
+                return _Done(StepOutcome.PASS, answer or "done", by)
+        finally:
+            desk.answered()
+        return _Done(StepOutcome.NOT_DONE, f"the operator did not answer within {at_most_s:g} s")
+
+    def _switch(self, *, on: bool) -> _Ticks:
+        self._act_now()
+        future = self.bench.switch(on=on)
+        if future is None:
+            return _Done(StepOutcome.NOT_DONE, "the station file has no power: {on, off}")
+        while not future.done() and self.bench.is_live and not self._hurries:
+            yield
+        ran = future.result(_CLEANUP_S)
+        word = "on" if on else "off"
+        self._power = word if ran.is_done else f"as nobody knows: power {word} failed"
+        return _Done(StepOutcome.PASS if ran.is_done else StepOutcome.NOT_DONE, ran.words or f"switched {word}")
+
+    def _act_now(self) -> None:
+        """Something is done to the sensor: what it said before does not count any more."""
+        self.seen.forget(self.bench.now()[0])
+
+    def _pause(self, for_s: float) -> _Ticks:
+        while (passed_s := self._passed_s()) < for_s and not self._hurries:
+            yield
+        if passed_s < for_s:
+            return _Done(StepOutcome.NOT_DONE, "no time was left to wait")
+        return _Done(StepOutcome.PASS, f"waited {passed_s:.1f} s")
+
+    def _wait(self, act: Wait) -> _Ticks:
+        condition = Condition(act.until, items_of(self.bench.protocol))
+        while differs := condition.what_differs(self._values()):
+            if self._passed_s() >= act.at_most_s or self._hurries:
+                if act.measure:
+                    self._measured[act.measure].append(math.inf)
+                if self.seen.link == "no port":
+                    return _Done(StepOutcome.NOT_DONE, f"the port is gone; {differs}")
+                return _Done(StepOutcome.FAIL, f"after {act.at_most_s:g} s {differs}")
+            yield
+        took_s = self._took_s(act.until)
+        if act.measure:
+            self._measured[act.measure].append(took_s)
+        return _Done(StepOutcome.PASS, f"{act.measure or 'it came after'} {took_s:.3f} s")
+
+    def _took_s(self, until: Mapping[str, object]) -> float:
+        """From the last command, or switch of the supply, until what made the conditions hold had come."""
+        latest = self.bench.session.housekeeping.latest
+        came_ns = [latest[name].utc_ns for name in until if name in latest]
+        if until.get("state") == "acquired" and "state" not in latest:
+            came_ns.append(self.seen.first_answer_ns)
+        since_ns = self.seen.since_ns or self.bench.now()[0] - round(self._passed_s() * NS_PER_S)
+        return max(max(came_ns, default=self.bench.now()[0]) - since_ns, 0) / NS_PER_S
+
+    def _values(self) -> dict[str, ItemValue]:
+        """The items that came since the last command, and what the station knows."""
+        seen, session = self.seen, self.bench.session
+        values: dict[str, ItemValue] = {"state": seen.state(self.bench.now()[0]), "link": seen.link, "sky": seen.sky}
+        if seen.frame_ns and not math.isnan(seen.stars):
+            values["stars"] = seen.stars
+        if session.power and session.power[-1].utc_ns >= seen.since_ns:
+            values["power_a"] = session.power[-1].amperes
+            if not math.isnan(session.power[-1].volts):
+                values["power_v"] = session.power[-1].volts
+        latest = session.housekeeping.latest
+        return values | {name: item.value for name, item in latest.items() if item.utc_ns >= seen.since_ns}
+
+    def _send(self, act: Send) -> _Ticks:
+        layout = self.bench.protocol.commands.get(act.command)
+        if layout is None:
+            return _Done(StepOutcome.NOT_DONE, f"the protocol has no command {act.command}")
+        try:
+            command = layout.made(**act.arguments)
+        except EncodeError as error:
+            return _Done(StepOutcome.NOT_DONE, str(error))
+        awaited = layout.awaited(command)
+        self._sequence = (self._sequence + 1) % (self.bench.protocol.sequence_modulus or 1)
+        frames: list[Frame] = []
+        self._frames = frames
+        self._act_now()
+        self.bench.send(awaited.sent(self._sequence))
+        if layout.answer == NO_ANSWER:
+            return _Done(StepOutcome.PASS, "sent; the protocol has no answer that proves it")
+        at_most_s = act.at_most_s or layout.timeout_s
+        while self._passed_s() < at_most_s and not self._hurries:
+            while frames:
+                if (answer := awaited.take(frames.pop(0))) is not None:
+                    outcome = StepOutcome.PASS if answer.is_done else StepOutcome.FAIL
+                    return _Done(outcome, f"{answer.text} after {self._passed_s():.2f} s")
+            yield
+        if self._hurries:
+            return _Done(StepOutcome.INCONCLUSIVE, "sent; its answer was not awaited")
+        if self.seen.link == "no port":
+            return _Done(StepOutcome.NOT_DONE, "the port is gone")
+        came = f"; {awaited.wrong}" if awaited.wrong else ""
+        return _Done(StepOutcome.FAIL, f"no answer within {at_most_s:g} s: expected {layout.expected}{came}")
+
+    def _check(self, act: Check) -> _Ticks:
+        words, outcomes = [], []
+        if act.items:
+            while missing := act.items.keys() - (values := self._values()).keys():
+                if self._passed_s() >= act.at_most_s or self._hurries:
+                    names = ", ".join(sorted(missing))
+                    return _Done(StepOutcome.INCONCLUSIVE, f"after {act.at_most_s:g} s no value of {names} had come")
+                yield
+            differs = Condition(act.items, items_of(self.bench.protocol)).what_differs(values)
+            words.append(differs or ", ".join(f"{name} is {_in_words(values[name])}" for name in act.items))
+            outcomes.append(StepOutcome.FAIL if differs else StepOutcome.PASS)
+        for share in act.shares:
+            outcome, text = self._share(share)
+            words.append(text)
+            outcomes.append(outcome)
+        worst = next(one for one in (StepOutcome.FAIL, StepOutcome.INCONCLUSIVE, StepOutcome.PASS) if one in outcomes)
+        return _Done(worst, "; ".join(words))
+
+    def _share(self, asked: ShareOf) -> tuple[StepOutcome, str]:
+        """Decided by the exact bounds of a binomial: as the order statistic of the values against the limit."""
+        values = self._measured[asked.name]
+        if not values:
+            return StepOutcome.INCONCLUSIVE, f"{asked.name} was not measured"
+        kept = share_of(sum(value <= asked.at_most for value in values), len(values))
+        decision = self.bench.session.station.limits.decision
+        outcome = StepOutcome(share_outcome(kept, asked.share, at_least=True, decision=decision))
+        text = f"{asked.name}: {kept.count} of {kept.of} within {asked.at_most:g}, {percent(asked.share, 1)} asked"
+        return outcome, f"{text}, at least {percent(kept.lower, 1)} with 95 % confidence"
+
+    def _watch(self, act: Watch) -> _Ticks:
+        from_ns = self.bench.now()[0]
+        frames = len(self.bench.session.frames)
+        while self._passed_s() < act.for_s and not self._hurries:
+            yield
+        if self._hurries:
+            return _Done(StepOutcome.NOT_DONE, f"watched for {self._passed_s():.0f} of {act.for_s:g} s")
+        outcome, words = self.bench.judge(from_ns, self.bench.now()[0], act)
+        came = len(self.bench.session.frames) - frames
+        return _Done(StepOutcome(outcome), f"{came} frames: {words or 'every row keeps its limit'}")
+
+    def _repeat(self, act: Repeat, number: str) -> _Ticks:
+        outcomes = set()
+        for turn in range(1, act.times + 1):
+            for n, step in enumerate(act.steps, 1):
+                done = yield from self._step(step, f"{number}.{turn}.{n}")
+                outcomes.add(done.outcome)
+                if done.ends and not step.goes_on:
+                    return _Done(done.outcome, f"round {turn} of {act.times}: {done.seen}")
+        worst = next((one for one in _WORST_FIRST if one in outcomes), StepOutcome.PASS)
+        return _Done(worst, f"{act.times} rounds")
+
+
+_WORST_FIRST = (StepOutcome.FAIL, StepOutcome.NOT_DONE, StepOutcome.INCONCLUSIVE)
+
+
+def _in_words(value: ItemValue) -> str:
+    return value if isinstance(value, str) else f"{value:.6g}"

@@ -1,0 +1,176 @@
+"""Runs of procedures on a simulated sensor: what each kind of step does, and what ends a run."""
+
+import json
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
+
+STATION = """\
+version: 1
+sensor: {name: ST-1, rows: 1024, columns: 1024, focal_length_px: 4170}
+site: {name: roof, latitude_deg: -6.53, longitude_deg: 106.7, height_m: 250}
+port: {url: "sim://"}
+"""
+HEAD = "version: 1\nname: SS-TP-07\nstation: station.yaml\n"
+CLEANUP = "cleanup:\n  - send: {command: STOP}\n  - power: off\n"
+
+
+class Ran:
+    """What a run left: its exit code, its report, and what it printed."""
+
+    def __init__(self, done, out):
+        (self.folder,) = out.iterdir()
+        self.code, self.err = done.code, done.err
+        self.report = json.loads((self.folder / "report.json").read_text())
+        self.steps = {step["number"]: step for step in self.report["procedure"]["steps"]}
+
+    def outcomes(self):
+        return {number: step["outcome"] for number, step in self.steps.items()}
+
+
+@pytest.fixture
+def run(gse, tmp_path):
+    """A function that runs steps on a simulated sensor."""
+
+    def run_steps(steps, *options, cleanup=CLEANUP, answers=None, station=STATION):
+        (tmp_path / "station.yaml").write_text(station)
+        (tmp_path / "test.yaml").write_text(HEAD + "steps:\n" + steps + cleanup)
+        (tmp_path / "answers.yaml").write_text(json.dumps(answers or {}))
+        out = tmp_path / f"out{len([*tmp_path.iterdir()])}"
+        words = ["procedure", "run", tmp_path / "test.yaml", "--out", out, "--no-plots"]
+        return Ran(gse(*words, "--answers", tmp_path / "answers.yaml", *options), out)
+
+    return run_steps
+
+
+FUNCTIONAL = """\
+  - tell: Take the cap off.
+  - ask: {label: serial, text: Serial number on the housing, expect: "SN \\\\d+"}
+  - power: on
+  - wait: {until: {mode: streaming}, at_most: 30s}
+  - send: {command: SET_EXPOSURE, exposure: 50 ms}
+  - send: PING
+  - check: {supply_v: [4.8, 5.2], temperature_degc: [-20, 40]}
+  - watch: {for: 65s, limits: {d_roll_arcsec: 500}, requirements: {mean |dDE|: SS-REQ-101}}
+  - repeat: {times: 3, steps: [power: off, wait: {for: 5s}, power: on,
+             wait: {until: {state: acquired}, at_most: 30s, measure: first_fix_s}]}
+  - check: {first_fix_s: {share: 0.3, at_most: 10}}
+"""
+
+
+def test_a_functional_test_passes_and_its_replay_says_the_same_with_nobody_asked(run, gse, tmp_path):
+    ran = run(FUNCTIONAL, answers={"1": "done", "serial": "SN 12"})
+    assert set(ran.outcomes().values()) == {"PASS"}
+    assert (ran.code, ran.report["verdict"]) == (0, "PASS")
+    assert ran.report["conclusion"]["headline"] == "PASS (SIMULATED)"
+    log = ran.report["procedure"]
+    assert [step["number"] for step in log["steps"]][7:14] == ["8", "9", "9.1.1", "9.1.2", "9.1.3", "9.1.4", "9.2.1"]
+    assert (ran.steps["2"]["seen"], ran.steps["2"]["by"]) == ("SN 12", "answers file")
+    assert log["power"] == "the supply was left off"
+    rows = {row["name"]: row for row in ran.steps["8"]["rows"]}
+    assert rows["mean |roll|"]["limit"] == 500
+    assert rows["mean |dDE|"]["requirement"]["id"] == "SS-REQ-101"
+    assert log["starts"]["first_fix"]["n"] == 4  # one before the watch, three in the repeat
+    assert log["starts"]["first_fix"]["median_s"] == pytest.approx(2.1, abs=0.2)  # boots for 2 s, exposes 50 ms
+
+    # A replay has nobody to ask, sends nothing and switches nothing.
+    gse("replay", ran.folder, "--out", tmp_path / "again")
+    (again,) = (tmp_path / "again").iterdir()
+    for name in ("report.json", "junit.xml", "frames.csv"):
+        assert (again / name).read_bytes() == (ran.folder / name).read_bytes(), name
+
+    cases = [case.get("name") for case in ET.parse(ran.folder / "junit.xml").iter("testcase")]
+    assert next(name for name in cases if name.startswith("step")) == "step 1: tell: Take the cap off."
+    assert len([name for name in cases if name.startswith("step")]) == len(log["steps"])
+    page = (ran.folder / "report.html").read_text()
+    assert page.index("As-run log: SS-TP-07") < page.index("The rows of the verdict")
+    assert "SIMULATED: no sensor took part" in page
+
+
+def test_a_step_that_fails_ends_the_run_and_the_cleanup_is_done(run):
+    ran = run("  - check: {supply_v: [5.5, 6]}\n  - send: PING\n")
+    assert ran.outcomes() == {"1": "FAIL", "2": "not done", "cleanup 1": "PASS", "cleanup 2": "PASS"}
+    assert "supply_v is 5 V (expected 5.5 to 6 V)" in ran.steps["1"]["seen"]
+    assert ran.steps["2"]["seen"] == "step 1 FAIL"
+    assert (ran.code, ran.report["verdict"]) == (EXIT_FAIL, "FAIL")
+    assert ran.report["conclusion"]["reason"].startswith("step 1 FAIL: supply_v is 5 V")
+    assert ran.report["procedure"]["deviations"] == ["step 2 was not done"]
+
+
+def test_a_step_may_fail_and_the_run_goes_on(run):
+    ran = run("  - check: {supply_v: [5.5, 6]}\n    on_failure: go on\n  - send: PING\n")
+    assert ran.outcomes() == {"1": "FAIL", "2": "PASS", "cleanup 1": "PASS", "cleanup 2": "PASS"}
+    assert ran.report["verdict"] == "FAIL"
+
+
+@pytest.mark.parametrize(
+    ("steps", "outcome", "seen"),
+    [
+        ("  - send: {command: START, period: 1 ms}\n", "FAIL", "the sensor refuses START: out of range"),
+        ("  - wait: {until: {state: silent}, at_most: 3s}\n", "FAIL", "after 3 s state is acquired  (expected silent)"),
+        ("  - check: {power_a: [0, 1], at_most: 2s}\n", "INCONCLUSIVE", "after 2 s no value of power_a had come"),
+        ("  - tell: Take the cap off.\n", "not done", "nobody can answer"),
+        ("  - ask: {label: serial, text: Serial}\n", "not done", "nobody can answer"),
+    ],
+)
+def test_an_outcome_says_what_happened(run, steps, outcome, seen):
+    ran = run(steps)
+    assert (ran.steps["1"]["outcome"], ran.outcomes()["cleanup 2"]) == (outcome, "PASS")
+    assert seen.replace("  ", " ") in ran.steps["1"]["seen"].replace("  ", " ")
+    assert ran.report["verdict"] == ("FAIL" if outcome == "FAIL" else "INCONCLUSIVE")
+    assert ran.code == {"FAIL": EXIT_FAIL, "INCONCLUSIVE": EXIT_INCONCLUSIVE}[ran.report["verdict"]]
+
+
+def test_a_sensor_without_power_does_not_answer(run):
+    ran = run("  - power: off\n  - send: PING\n    on_failure: go on\n  - wait: {until: {state: silent}}\n")
+    assert ran.outcomes()["2"] == "FAIL"
+    assert "no answer within 0.5 s: expected the answer STATUS" in ran.steps["2"]["seen"]
+    assert ran.outcomes()["3"] == "PASS"
+    assert ran.outcomes()["cleanup 1"] == "FAIL"  # and the next is done all the same
+    assert ran.outcomes()["cleanup 2"] == "PASS"
+
+
+def test_answers_come_from_a_file_and_must_be_what_is_expected(run):
+    ask = '  - ask: {label: serial, text: Serial, expect: "SN \\\\d+"}\n'
+    assert run(ask, answers={"serial": "SN 7"}).steps["1"]["seen"] == "SN 7"
+    wrong = run(ask, answers={"serial": "twelve"})
+    assert wrong.steps["1"]["outcome"] == "FAIL"
+    assert "'twelve' does not do: expected SN \\d+" in wrong.steps["1"]["seen"]
+    refused = run("  - tell: Take the cap off.\n", answers={"1": "no"})
+    assert (refused.steps["1"]["outcome"], refused.report["verdict"]) == ("not done", "INCONCLUSIVE")
+
+
+def test_a_run_may_begin_at_a_step_and_is_not_whole_then(run):
+    ran = run("  - check: {supply_v: 9}\n  - send: PING\n", "--from", "2")
+    assert ran.outcomes() == {"1": "not done", "2": "PASS", "cleanup 1": "PASS", "cleanup 2": "PASS"}
+    assert ran.report["verdict"] == "INCONCLUSIVE"
+    assert "the run began at step 2" in ran.steps["1"]["seen"]
+
+
+def test_data_that_end_in_a_step_leave_it_undone_and_the_cleanup_done(run):
+    ran = run("  - wait: {for: 60s}\n  - send: PING\n", station=STATION.replace("sim://", "sim://?frames=50"))
+    assert ran.outcomes()["1"] == "not done"
+    assert "interrupted by the end of the data" in ran.steps["1"]["seen"]
+    assert ran.outcomes()["2"] == "not done"
+    assert ran.outcomes()["cleanup 2"] == "PASS"
+    assert ran.report["procedure"]["power"] == "the supply was left off"
+
+
+def test_what_was_measured_is_decided_by_its_share_with_confidence(run):
+    steps = (
+        "  - repeat: {times: 4, steps: [power: on, "
+        "wait: {until: {state: acquired}, at_most: 30s, measure: first_fix_s}]}\n"
+        "  - check: {first_fix_s: {share: 0.95, at_most: 10}}\n"
+    )
+    ran = run(steps)
+    assert ran.steps["2"]["outcome"] == "INCONCLUSIVE"  # 4 of 4 show 47 % with 95 % confidence: 0.05 ** (1 / 4)
+    assert "4 of 4 within 10, 95.0 % asked, at least 47.3 %" in ran.steps["2"]["seen"]
+
+
+def test_a_watched_stretch_has_its_own_limits(run):
+    ran = run("  - watch: {for: 30s, limits: {output_rate_hz: 50}}\n")
+    assert ran.steps["1"]["outcome"] == "FAIL"
+    assert [row["name"] for row in ran.steps["1"]["rows"] if row["outcome"] == "FAIL"] == ["output rate"]
+    assert ran.report["verdict"] == "FAIL"
