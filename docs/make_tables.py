@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from gse.campaign.atlas_table import atlas_schema
 from gse.report.frames_table import frames_schema
+from gse.report.housekeeping_table import housekeeping_schema
 from gse.report.sessions_table import sessions_schema
 from gse.report.stars_table import stars_schema
 from gse.report.table_columns import SCHEMA_VERSION
@@ -20,7 +21,7 @@ from gse.station.results import Subject
 HEAD = f"""\
 # Tables of results
 
-The results of judged sessions as three [Arrow](https://arrow.apache.org) tables, in [Parquet](https://parquet.apache.org)
+The results of judged sessions as [Arrow](https://arrow.apache.org) tables, in [Parquet](https://parquet.apache.org)
 files that pandas, polars and DuckDB read as they lie. This page is made by `docs/make_tables.py`.
 
 | table | one row per | schema |
@@ -28,6 +29,7 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
 | sessions | session: verdict, every figure with its interval, conditions, hashes | `gse.sessions/{SCHEMA_VERSION}` |
 | frames | panorama: time, answers of each subject, errors, sky | `gse.frames/{SCHEMA_VERSION}` |
 | stars | matched star and frame: residual, pixel phase, field position, temperature | `gse.stars/{SCHEMA_VERSION}` |
+| housekeeping | value of an item of the sensor's housekeeping, with its colour | `gse.housekeeping/{SCHEMA_VERSION}` |
 | atlas (of a campaign alone) | session with enough stars: its part of the error atlas | `gse.atlas/{SCHEMA_VERSION}` |
 
 * `key` joins the tables: the SHA-256 of what the results follow from, which are the session's bytes
@@ -45,6 +47,8 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
   frame first, of every second, fourth, ... frame as soon as there are more. `phase_x_px`, `phase_y_px` are where the
   attitude of the frame expects the star on its pixel, from -0.5 to 0.5 about the centre; `field_x_deg`, `field_y_deg`
   angles from the boresight along columns and rows.
+* Housekeeping: `utc` is the host's, when the frame was complete; `value` is in `unit`, of words and bits it is the
+  number on the wire beside its `word`. `colour` is that of the item's limits, null without any.
 * `night` is the date of the evening on which the session's night began, in the mean time of the site's longitude.
 * A session that could not be judged has a row in sessions: `source`, `error`, and nulls.
 * Atlas: `phase` has the pixel phase error along columns and rows: the first harmonic (sine, cosine), its covariance
@@ -62,6 +66,7 @@ def page() -> str:
     """The whole page."""
     parts = [HEAD]
     schemas = {"sessions": sessions_schema, "frames": frames_schema, "stars": stars_schema, "atlas": atlas_schema}
+    schemas["housekeeping"] = housekeeping_schema
     for name, schema in schemas.items():
         if name == "frames":
             parts += ["\n## frames\n\n| column | type | unit | meaning |\n|---|---|---|---|\n", *_frame_lines()]

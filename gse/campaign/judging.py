@@ -29,6 +29,7 @@ from gse.campaign.atlas_table import BORESIGHT_COLUMNS, STARS_COLUMNS, atlas_tab
 from gse.campaign.dataset import (
     ATLAS,
     FRAMES,
+    HOUSEKEEPING,
     OWN_STATION,
     REPORT_COLUMN,
     SESSIONS,
@@ -48,6 +49,7 @@ from gse.errors import GseError
 from gse.process.release_memory import give_back, spare_pandas
 from gse.report import summarise
 from gse.report.frames_table import frames_parts
+from gse.report.housekeeping_table import housekeeping_parts
 from gse.report.parquet import write_parquet
 from gse.report.result_key import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import failed_session, sessions_table
@@ -243,6 +245,7 @@ def _results(path: Path, key: ResultKey, job: Job, source: SessionSource, folder
     tables = {
         STARS: stars_parts(session, key.text),
         FRAMES: frames_parts(session, assessment.statistics, key.text),
+        HOUSEKEEPING: housekeeping_parts(session, key.text),
         SESSIONS: [rows],
     }
     place, camera = Committed(session.station.sensor.name, _night(row), key.text), session.station.sensor.camera()

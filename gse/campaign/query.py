@@ -9,14 +9,15 @@ import duckdb
 
 from drivers.outside_text import long_table_cell, plain_line, plain_lines
 from gse.campaign.atlas_table import atlas_schema
-from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
+from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, HOUSEKEEPING, REPORT_COLUMN, SESSIONS, STARS, DataSet
 from gse.campaign.storage import protocol_of
 from gse.errors import UsageError
 from gse.report.frames_table import frames_schema
+from gse.report.housekeeping_table import housekeeping_schema
 from gse.report.stars_table import stars_schema
 
 REPORTS = "reports"
-_SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema, ATLAS: atlas_schema}
+_SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema, ATLAS: atlas_schema, HOUSEKEEPING: housekeeping_schema}
 _ROWS_AT_ONCE = 10_000
 _DAMAGED = ("No magic bytes", "too small to be a Parquet file", "TProtocolException", "corrupt", "ZSTD")
 

@@ -6,7 +6,15 @@ from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_sle
 from gse.report.plot_data import PlotData
 from gse.report.sky_plots import draw_residual_map, draw_sky
 from gse.report.svg import Draw, svgs_of
-from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_sky_condition, draw_timelines
+from gse.report.time_plots import (
+    draw_errors,
+    draw_housekeeping,
+    draw_identification_time,
+    draw_paper,
+    draw_sky_condition,
+    draw_timelines,
+    items_to_draw,
+)
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import Statistics
@@ -34,11 +42,15 @@ _OF_STARS = ("sky_condition", "residuals")
 def session_plots(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
     """SVG elements by name; those of a subject have its name before theirs."""
     plotted = _plot_data(session, assessment.statistics)
+    items = items_to_draw(session)
     of_stars = _OF_STARS if session.subject is Subject.SENSOR else ()
     without = {*(() if times_recorded else ("identification",)), *of_stars}
     wanted: list[tuple[str, float, Draw]] = [
         (name, height_in, partial(draw, data=plotted[0])) for name, height_in, draw in _PLOTS if name not in without
     ]
+    if items:
+        height_in = min(0.5 + 0.8 * len(items), 9.0)
+        wanted.append(("housekeeping", height_in, partial(draw_housekeeping, data=plotted[0], items=items)))
     for of_subject in plotted:
         wanted += [
             (f"{of_subject.subject}-{name}", height_in, partial(draw, data=of_subject))

@@ -1,7 +1,7 @@
 """The table of sessions: one row per session, with verdict, every figure and its interval, conditions, hashes.
 
 Both subjects have their columns in every row; figures that a session does not have are null. A session that could not
-be judged is a row too, with its error and nulls. ``session_tables`` are this row and the tables of frames and stars.
+be judged is a row too, with its error and nulls. ``session_tables`` are this row and the other tables.
 """
 
 from collections import Counter
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gse.procedure.as_run import StepRun
 from gse.report.frames_table import frames_table
+from gse.report.housekeeping_table import housekeeping_table
 from gse.report.result_key import ResultKey
 from gse.report.stars_table import stars_table
 from gse.report.table_columns import (
@@ -90,7 +91,7 @@ def conditions(session: SessionData | None, stats: Statistics | None) -> Iterato
     yield from _mount(session)
     yield from columns_of(Camera, station.sensor.camera() if station else None, "camera")
     yield from columns_of(IdentifierOptions, station.identifier if station else None, "identifier")
-    yield from columns_of(Limits, station.limits if station else None, "limit")
+    yield from columns_of(Limits, station.limits if station else None, "limit", without=("items",))
     for name, kind in (("source", TEXT), ("stars", COUNT), ("sha256_of_ids", TEXT), ("epoch_jyear", NUMBER)):
         yield column(f"catalog_{name}", kind, session.catalog.get(name) if session else None)
 
@@ -288,11 +289,15 @@ def _verdict(assessment: Assessment | None) -> Iterator[TableCell]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionTables:
-    """Tables of sessions, frames and stars; their rows are joined by ``key``, frames and stars also by ``frame``."""
+    """Tables of sessions, frames, stars and housekeeping; their rows are joined by ``key``.
+
+    Those of frames and stars are joined by ``frame``, too.
+    """
 
     sessions: pa.Table
     frames: pa.Table
     stars: pa.Table
+    housekeeping: pa.Table
 
 
 def session_tables(
@@ -303,4 +308,5 @@ def session_tables(
         sessions_table(session, assessment, key, source=source),
         frames_table(session, assessment.statistics, key.text),
         stars_table(session, key.text),
+        housekeeping_table(session, key.text),
     )

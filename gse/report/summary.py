@@ -3,7 +3,7 @@
 import dataclasses
 import hashlib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import Any
 
@@ -29,7 +29,7 @@ from gse.values.axis import OF_SENSOR, ON_SKY
 from gse.values.limits import Decision
 from gse.verdict.assessment import Assessment, Procedure, is_left_out
 from gse.verdict.requirements import SlewStep
-from protocols import StatusMessage
+from protocols import COLOURS, StatusMessage
 
 # The ``test:`` block of a station file as the report gives it, with what the sensor says of itself.
 
@@ -121,6 +121,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
     }
     if assessment.slew:
         report["slew"] = [_slew_step(subject, step) for subject, steps in assessment.slew.items() for step in steps]
+    if session.housekeeping.summaries:
+        report["housekeeping"] = list(_items(session))
     external = external_identifier(session)
     if external is not None:
         report["external_identifier"] = external
@@ -254,6 +256,31 @@ _RISKS = {
         "Risks of each row: that of a false PASS is stated beside it; that of a false FAIL is up to 50 % at the limit."
     ),
 }
+
+
+def _items(session: SessionData) -> Iterator[dict[str, Any]]:
+    """What a session showed of each item of its housekeeping, in the order of the description."""
+    for item in session.housekeeping.items:
+        if (seen := session.housekeeping.summaries.get(item.name)) is not None:
+            numbers: dict[str, float | str] = {
+                "first": seen.first,
+                "lowest": seen.least,
+                "highest": seen.largest,
+                "last": seen.last,
+            }
+            if item.words or item.are_bits:
+                numbers = {"first": item.value(seen.first), "last": item.value(seen.last)}
+            colours = {name: count for name, count in zip(COLOURS, seen.colours, strict=True) if name}
+            limits = {"yellow": item.yellow, "red": item.red}
+            yield {
+                "item": item.name,
+                "message": item.message,
+                "unit": item.unit,
+                "values": seen.count,
+                **numbers,
+                **limits,
+                **{f"values_{name}": count for name, count in colours.items()},
+            }
 
 
 def _row(session: SessionData, row: DecisionRow) -> dict[str, Any]:

@@ -16,10 +16,12 @@ from gse.report.svg import set_margins
 from gse.station.columns import SKY_CONDITIONS
 from gse.station.events import StationKind
 from gse.station.results import SkyCondition, Subject
+from gse.station.session_data import SessionData
 from gse.statistics.sky_summary import seen_share
 from gse.values.axis import D_DE, D_RA_COSDE, ON_SKY, Axis
 from gse.view.drawing import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW, hex_of
 from gse.view.live_state import LINK_COLOURS, LINK_WORDS
+from protocols import Item
 
 _MAX_MARKS = 400
 _SHARE_BINS = 120
@@ -139,6 +141,43 @@ def draw_timelines(figure: Figure, data: PlotData) -> None:
     line(temperature, data, data.frames["temperature_c"].astype(np.float64), ORANGE, "detector")
     temperature.set_ylabel("detector\n(degC)")
     time_axis(temperature)
+
+
+MOST_ITEMS = 12
+"""Items that are drawn: those with limits first, then in the order of the description."""
+
+
+def items_to_draw(session: SessionData) -> list[tuple[int, Item]]:
+    """The numeric items that came, each with its place among the items."""
+    seen = session.housekeeping.summaries
+    came = [
+        (at, item)
+        for at, item in enumerate(session.housekeeping.items)
+        if item.name in seen and not (item.words or item.are_bits)
+    ]
+    return sorted(came, key=lambda one: one[1].yellow is None and one[1].red is None)[:MOST_ITEMS]
+
+
+def draw_housekeeping(figure: Figure, data: PlotData, items: list[tuple[int, Item]]) -> None:
+    """A panel for each item, with its limits where they are near."""
+    set_margins(figure, between=(0, 0.3))
+    rows = data.session.housekeeping.rows
+    numbers, all_ns, all_values = (np.asarray(rows[name]) for name in ("item", "utc_ns", "value"))
+    panels = np.atleast_1d(figure.subplots(len(items), 1, sharex=True))
+    for axes, (number, item) in zip(panels, items, strict=True):
+        mine = numbers == number
+        utc_ns, values = all_ns[mine], all_values[mine]
+        shown = extremes(values)
+        axes.plot(date2num(utc_ns[shown].astype("datetime64[ns]")), values[shown], color=hex_of(SKY_BLUE), linewidth=1)
+        low, high = axes.get_ylim()
+        for limits, style in ((item.yellow, "--"), (item.red, "-")):
+            for end in limits or ():
+                if end is not None and low - (high - low) <= end <= high + (high - low):
+                    axes.axhline(
+                        end, color=hex_of(VERMILLION if style == "-" else ORANGE), linestyle=style, linewidth=1
+                    )
+        axes.set_ylabel(f"{item.name}\n({item.unit})" if item.unit else item.name, fontsize=6)
+    time_axis(panels[-1])
 
 
 def _share(axes: Axes, data: PlotData) -> None:

@@ -109,13 +109,14 @@ def export_bytes(path: Path, out: BinaryIO, topic: str = RX) -> Exported:
 #     /results/frame     panorama and sky        one message per panorama, at its mid-exposure
 #     /results/onboard   answers and errors of the identifier under test
 #     /results/sensor    those that the sensor itself sends, where it sends them
+#     /results/item      each value of the sensor's housekeeping, when it came
 #     /results/verdict   verdict and reasons, once, at the last panorama
 #
 # Keys are the columns of docs/tables.md without their subject. The records of the session are copied with their
 # instants; ``session.mcap`` itself is never touched.
 
-TABLES = ("sessions", "frames", "stars")
-FRAME, VERDICT = "/results/frame", "/results/verdict"
+TABLES = ("sessions", "frames", "stars", "housekeeping")
+FRAME, VERDICT, ITEM = "/results/frame", "/results/verdict", "/results/item"
 _ROWS_AT_ONCE = 4096
 _LIBRARY = "gse-star-sensor"
 _VERDICT_SCHEMA = {
@@ -125,7 +126,7 @@ _VERDICT_SCHEMA = {
 
 
 def export_parquet(tables: SessionTables, folder: Path) -> int:
-    """Write sessions.parquet, frames.parquet and stars.parquet into a new folder; returns the number of rows."""
+    """Write a Parquet file for each of TABLES into a new folder; returns the number of rows."""
     folder.mkdir(parents=True)
     try:
         for name in TABLES:
@@ -143,8 +144,13 @@ def export_mcap(session: Path, tables: SessionTables, out: Path) -> int:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(library=_LIBRARY)
         topics = _Topics(writer, [*_topics(tables.frames)])
+        of_items = _Topic(ITEM, tuple(column for column in tables.housekeeping.schema if column.name != "key"), "")
+        topics.describe(of_items)
         for utc_ns, topic, data in heapq.merge(
-            _bytes(session, writer), _results(tables, topics.of_frames), key=lambda message: message[0]
+            _bytes(session, writer),
+            _results(tables, topics.of_frames),
+            _rows_of(tables.housekeeping, [of_items]),
+            key=lambda message: message[0],
         ):
             count += topic.startswith("/results/")
             writer.add_message(topics.channel(topic), log_time=utc_ns, publish_time=utc_ns, data=data)
@@ -200,6 +206,10 @@ class _Topics:
         self._schemas = {topic.name: topic.schema for topic in of_frames} | {VERDICT: _VERDICT_SCHEMA}
         self._channels: dict[str, int] = {}
 
+    def describe(self, topic: _Topic) -> None:
+        """Give a further topic its schema."""
+        self._schemas[topic.name] = topic.schema
+
     def channel(self, topic: str) -> int:
         if topic not in self._channels:
             self._channels[topic] = self._register(topic)
@@ -226,15 +236,21 @@ def _bytes(session: Path, writer: Writer) -> Iterator[_Item]:
 
 def _results(tables: SessionTables, topics: list[_Topic]) -> Iterator[_Item]:
     last_ns = 0
-    for batch in tables.frames.to_batches(max_chunksize=_ROWS_AT_ONCE):
+    for utc_ns, topic, data in _rows_of(tables.frames, topics):
+        last_ns = max(last_ns, utc_ns)
+        yield utc_ns, topic, data
+    verdict = {name: tables.sessions[name][0].as_py() for name in ("verdict", "reasons")}
+    yield last_ns, VERDICT, json.dumps(verdict).encode()
+
+
+def _rows_of(table: pa.Table, topics: list[_Topic]) -> Iterator[_Item]:
+    """The rows of a table, in order, as messages of topics that are some of its columns each."""
+    for batch in table.to_batches(max_chunksize=_ROWS_AT_ONCE):
         instants_ns = batch["utc"].cast(pa.int64()).to_pylist()
         rows = {topic.name: _documents(batch, topic) for topic in topics}
         for number, utc_ns in enumerate(instants_ns):
-            last_ns = max(last_ns, utc_ns)
             for topic in topics:
                 yield utc_ns, topic.name, json.dumps(rows[topic.name][number]).encode()
-    verdict = {name: tables.sessions[name][0].as_py() for name in ("verdict", "reasons")}
-    yield last_ns, VERDICT, json.dumps(verdict).encode()
 
 
 def _documents(batch: pa.RecordBatch, topic: _Topic) -> list[dict[str, Any]]:

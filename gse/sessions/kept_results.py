@@ -4,6 +4,7 @@
 
     results/<path>/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
                             answers.parquet                                   the sensor's own answers as they came
+                            items.parquet                                     the sensor's housekeeping
                             others.parquet                                    objects that no answer names
                             context.json                                      the rest; SHA-256 of itself and each file
 
@@ -20,7 +21,7 @@ import itertools
 import os
 import shutil
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
@@ -45,7 +46,7 @@ from gse.external.identifier import ExternalCounts
 from gse.process.installation import own_cache_folder
 from gse.recording.session_format import read_attachments
 from gse.report.frames_table import frames_parts, frames_schema
-from gse.report.parquet import ParquetColumns, read_parquet, write_parquet
+from gse.report.parquet import ROWS_AT_ONCE, ParquetColumns, read_parquet, write_parquet
 from gse.report.result_key import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import sessions_table
 from gse.report.stars_table import stars_parts, stars_schema
@@ -56,12 +57,13 @@ from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.columns import COLUMNS, Column
 from gse.station.events import ClockStep
 from gse.station.frame_table import MATCH, MOST_IN_MEMORY, OTHER, FrameTable
+from gse.station.item_table import ITEM, Housekeeping, ItemSummary
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, EarthOrientation
 from gse.values.shown import Shown
 from gse.verdict.assessment import Assessment, judge
-from protocols import StatusMessage, built_in_names
+from protocols import Item, StatusMessage, built_in_names
 
 # Context of kept results: what a session holds besides the tables of frames and stars.
 
@@ -90,32 +92,38 @@ class KeptContext(BaseModel):
     external: dict[str, Any] | None
     external_counts: ExternalCounts
     shown: list[Shown] = []
+    items: dict[str, Item] = {}
+    item_summaries: dict[str, ItemSummary] = {}
+    item_stride: int = 1
 
     @classmethod
     def from_session(cls, session: SessionData) -> "KeptContext":
         """The context of a session."""
         orientation, stars = session.earth_orientation, session.stars
-        own = {"designation", "earth_orientation", "shown"}
+        own = {"designation", "earth_orientation", "shown", "items", "item_summaries", "item_stride"}
         values = {name: getattr(session, name) for name in cls.model_fields if name not in own}
         return cls.model_construct(
             **values,
             designation=stars.designation if stars else "Gaia DR3",
             earth_orientation=orientation.to_json() if orientation else None,
             shown=session.shown.shown,
+            items={item.name: item for item in session.housekeeping.items},
+            item_summaries=session.housekeeping.summaries,
+            item_stride=session.housekeeping.stride,
         )
 
     def give_to(self, session: SessionData) -> None:
         """Set the fields of a session; TruthError where the Earth orientation is none."""
         text = self.earth_orientation
         for name in type(self).model_fields:
-            if name not in ("designation", "earth_orientation", "shown"):
+            if name not in ("designation", "earth_orientation", "shown", "items", "item_summaries", "item_stride"):
                 setattr(session, name, getattr(self, name))
         for shown in self.shown:
             session.shown.add(shown)
         session.earth_orientation = EarthOrientation.from_json(text) if text is not None else None
 
 
-CONTEXT = "context.json"
+CONTEXT, _ITEMS = "context.json", "items.parquet"
 MOST_BYTES = 2 << 30
 """Most bytes of all kept results; those that were used longest ago go first."""
 MOST_CONTEXT_BYTES = 64 << 20
@@ -186,6 +194,7 @@ def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: P
     write_parquet(stars_parts(session, key.text), part / "stars.parquet")
     write_parquet([_table(session.sensor_attitudes.columns)], part / "answers.parquet")
     write_parquet([_table(session.frames.others)], part / "others.parquet")
+    write_parquet(_item_parts(session.housekeeping), part / _ITEMS)
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
     stride, context = session.frames.picture_stride, KeptContext.from_session(session)
     manifest = _Manifest.model_construct(key=key.text, files=files, picture_stride=stride, context=context)
@@ -201,18 +210,21 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
     session = SessionData(station, station_text, context.protocol_name)
     context.give_to(session)
     with contextlib.ExitStack() as files:
-        frames, stars, answers, others = (
+        frames, stars, answers, others, items = (
             files.enter_context(_columns(whole / name, manifest.files, schema)) for name, schema in _schemas().items()
         )
         stride = manifest.picture_stride
         session.frames = restored_frames(frames, stars, context.subject, _rows(others, OTHER), stride)
         session.stars = restored_stars(stars, context.designation)
+        session.housekeeping = Housekeeping.restored(
+            context.items, context.item_summaries, context.item_stride, _rows(items, ITEM)
+        )
         session.sensor_attitudes = AttitudeTable.from_rows(_rows(answers, OWN_ANSWER))
     return session
 
 
 def _schemas() -> dict[str, pa.Schema]:
-    plain = {"answers.parquet": OWN_ANSWER, "others.parquet": OTHER}
+    plain = {"answers.parquet": OWN_ANSWER, "others.parquet": OTHER, _ITEMS: ITEM}
     own = {file: _table(np.zeros(0, dtype)).schema for file, dtype in plain.items()}
     return {"frames.parquet": frames_schema(), "stars.parquet": stars_schema(), **own}
 
@@ -251,6 +263,14 @@ def _opened(path: Path) -> BufferedReader:
 def _table(rows: NDArray[np.void]) -> pa.Table:
     """Rows of a dtype, a column for each of its fields."""
     return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in rows.dtype.names or ()})
+
+
+def _item_parts(housekeeping: Housekeeping) -> Iterator[pa.Table]:
+    """The rows of housekeeping in parts, at least one."""
+    rows = housekeeping.rows
+    for first in range(0, max(len(rows), 1), ROWS_AT_ONCE):
+        part = rows[first : first + ROWS_AT_ONCE]
+        yield pa.table({name: pa.array(np.ascontiguousarray(part[name])) for name in ITEM.names or ()})
 
 
 def _rows(columns: ParquetColumns, dtype: "np.dtype[np.void]") -> NDArray[np.void]:

@@ -140,6 +140,17 @@ class Housekeeping:
         self._on_disk = False
         self._counts = np.zeros(len(self.items), dtype=np.int64)
 
+    @classmethod
+    def restored(
+        cls, items: Mapping[str, Item], summaries: Mapping[str, ItemSummary], stride: int, rows: NDArray[np.void]
+    ) -> "Housekeeping":
+        """The table that these were taken from; it gets no more rows."""
+        table = cls(items)
+        table.summaries, table.stride = dict(summaries), stride
+        table._store = ColumnStore(ITEM, len(rows))
+        table._store.extend(rows)
+        return table
+
     def use_disk(self) -> None:
         """Keep all rows, more than MOST_IN_MEMORY of them in a temporary file: where no sensor waits for the disk."""
         self._on_disk = True

@@ -29,6 +29,7 @@ from gse.values.matrices import product
 from gse.values.panorama import MAX_OBJECTS
 from gse.version import __version__
 from protocols import EncodeError, Protocol, load_protocol, parse_protocol
+from protocols.items import unknown_name
 
 ORION_RA_DE_DEG = (83.0, 0.0)
 """The belt of Orion: bright stars for a field of any width."""
@@ -124,7 +125,13 @@ def set_up(
 
 
 def addressed(protocol: Protocol, station: Station) -> Protocol:
-    """The protocol between the addresses that the station file states; UsageError where it has none."""
+    """The protocol between the addresses that the station file states; UsageError where it has none.
+
+    So, too, where the station file has limits of an item that the protocol does not have.
+    """
+    for name in station.limits.items:
+        if name not in protocol.items:
+            raise UsageError(f"limits.items: {unknown_name(name, protocol.items, 'item')}")
     try:
         return protocol.with_addresses(station.port.address, station.port.host_address)
     except EncodeError as error:

@@ -99,6 +99,7 @@ class Claim(StrEnum):
     FALSEHOOD = "its answers are of other stars"
     SLOWNESS = "its answers take too long"
     CURRENT = "it draws too much current"
+    HOUSEKEEPING = "an item of its housekeeping is out of its limits"
 
 
 class Outcome(StrEnum):

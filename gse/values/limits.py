@@ -1,10 +1,12 @@
 """The limits that a session is judged against."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
 
 from annotated_types import Interval
+from pydantic import AfterValidator
 
 from gse.values.axis import Axis
 
@@ -22,6 +24,15 @@ class Decision(StrEnum):
     SIMPLE = "simple"
 
 
+def _in_order(ends: tuple[float | None, float | None]) -> tuple[float | None, float | None]:
+    low, high = ends
+    if low is None and high is None:
+        raise ValueError("both ends are open: give a number for one")
+    if low is not None and high is not None and low > high:
+        raise ValueError(f"the low end {low:.15g} is over the high end {high:.15g}: swap them")
+    return ends
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """The limits that a session is judged against; mean errors and time are those of the LAPAN paper.
@@ -31,7 +42,8 @@ class Limits:
     ``x_arcsec`` and ``y_arcsec`` are along the sensor's own columns and rows, ``about_arcsec`` is about its boresight,
     each for the share ``confidence`` of the frames. ``slew_deg_per_s`` is the rate of turn that the sensor must bear;
     frames of a faster scene count for nothing else. These, ``output_rate_hz`` (at least), ``first_fix_s`` and the
-    currents of the supply are None where nothing is asked.
+    currents of the supply are None where nothing is asked. ``items`` are low and high end, one of which may be None, of
+    items of the sensor's housekeeping: all values of a session must lie between them.
     """
 
     d_ra_cosde_arcsec: Arcsec = 60.0
@@ -52,6 +64,9 @@ class Limits:
     false_arcsec: Arcsec | None = None
     false_share: Annotated[float, Interval(gt=0, lt=1)] = 0.01
     decision: Decision = Decision.GUARDED
+    items: Mapping[str, Annotated[tuple[float | None, float | None], AfterValidator(_in_order)]] = field(
+        default_factory=dict
+    )
 
     def of(self, axis: Axis) -> float:
         """The limit of the errors along an axis on the sky."""

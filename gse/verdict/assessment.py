@@ -45,7 +45,7 @@ from gse.values.axis import ON_SKY
 from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S, to_text
 from gse.verdict.obstacles import obstacles
-from gse.verdict.requirements import REQUIREMENTS, Case, SlewStep, requirement_of
+from gse.verdict.requirements import REQUIREMENTS, Case, SlewStep, item_requirements, requirement_of
 from gse.verdict.slew import slew_steps
 
 TRUTH_SHARE = 3.0
@@ -243,15 +243,22 @@ def _rows(
     budget: TruthUncertaintyBudget,
     slew: Mapping[Subject, tuple[SlewStep, ...]] | None = None,
 ) -> tuple[Row, ...]:
-    relative = _is_relative(session.station)
-    return tuple(
-        requirement.row(
-            Case(subject, stats, budget, session.station.limits, relative, (slew or {}).get(subject.subject, ()))
-        )
-        for subject in stats.subjects.values()
+    relative, limits, items = _is_relative(session.station), session.station.limits, session.housekeeping
+    cases = {
+        name: Case(subject, stats, budget, limits, relative, (slew or {}).get(name, ()), items.summaries)
+        for name, subject in stats.subjects.items()
+    }
+    rows = [
+        requirement.row(case)
+        for case in cases.values()
         for requirement in REQUIREMENTS
-        if requirement.is_there(subject, session.station.limits)
-    )
+        if requirement.is_there(case.subject, limits)
+    ]
+    sensor = cases.get(Subject.SENSOR) or next(iter(cases.values()), None)
+    units = {item.name: item.unit for item in items.items}
+    if sensor is not None:
+        rows += [requirement.row(sensor) for requirement in item_requirements(limits, units)]
+    return tuple(rows)
 
 
 def _turned(

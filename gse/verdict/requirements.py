@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
+from gse.station.item_table import ItemSummary
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import MIN_S
 from gse.statistics.decision import (
@@ -67,7 +68,7 @@ class Case:
     """One subject of a session, with all that its rows are made from.
 
     ``relative`` where the mount was fitted on the same sky. ``slew`` are the subject's steps of a scene that turned at
-    several rates.
+    several rates, ``items`` those of the sensor's housekeeping.
     """
 
     subject: SubjectStatistics
@@ -76,6 +77,7 @@ class Case:
     limits: Limits
     relative: bool
     slew: tuple["SlewStep", ...] = ()
+    items: Mapping[str, ItemSummary] = dataclasses.field(default_factory=dict)
 
     def truth_standard(self, axes: tuple[Axis, ...]) -> float:
         """The standard uncertainty whose 1.645-fold is the one-sided 95 % bound of truth, whatever its distribution."""
@@ -367,7 +369,7 @@ class Requirement:
     limit: str
     unit: str = ""
     claim: Claim
-    decided: ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps | ByCurrent
+    decided: "ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps | ByCurrent | ByItem"
     says: str
     applies: Callable[[SubjectStatistics], bool] = lambda _: True
     core: bool = False
@@ -625,11 +627,88 @@ REQUIREMENTS = (
 _BY_NAME = {requirement.name: requirement for requirement in REQUIREMENTS}
 
 
+# Rows of the sensor's housekeeping: two of each item with limits, which no table can name beforehand.
+
+_LOWEST, _HIGHEST = ", lowest", ", highest"
+
+
+@dataclass(frozen=True, slots=True)
+class ByItem:
+    """The lowest value of an item must reach its limit (``at_least``), or the highest must not exceed it."""
+
+    item: str
+    at_least: bool
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row, of values that are the sensor's own: whether they are right is not asked."""
+        summary = case.items.get(self.item)
+        row = Row(asked.subject, asked.name, math.nan, asked.unit, asked.limit, Outcome.PASS)
+        if summary is None:
+            return dataclasses.replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{self.item}: no value of it came")
+        value = summary.least if self.at_least else summary.largest
+        row = dataclasses.replace(row, value=value)
+        if value >= asked.limit if self.at_least else value <= asked.limit:
+            return row
+        word = "lowest" if self.at_least else "highest"
+        reason = f"{self.item} is {value:.6g} {asked.unit}, its {word} value, the limit is {asked.limit:g} {asked.unit}"
+        return dataclasses.replace(row, outcome=Outcome.FAIL, reason=reason)
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Not known: a value that came is decided."""
+        return math.nan
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """Nothing: two sessions are not compared by it."""
+        return Bounded(math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemRequirement(Requirement):
+    """One end of the limits of an item, whose name is ``limit``."""
+
+    def limit_of(self, limits: Limits) -> float:
+        """The low or the high end; NaN where it is open."""
+        end = limits.items.get(self.limit, (None, None))[0 if self.at_least else 1]
+        return math.nan if end is None else end
+
+    @property
+    def at_least(self) -> bool:
+        """Whether it is the low end."""
+        return self.name.endswith(_LOWEST)
+
+
+def item_requirement(name: str, unit: str) -> ItemRequirement | None:
+    """The entry of a row of this name; None where it is of no item."""
+    ending = next((ending for ending in (_LOWEST, _HIGHEST) if name.endswith(ending)), None)
+    if ending is None:
+        return None
+    item = name.removesuffix(ending)
+    return ItemRequirement(
+        name=name,
+        limit=item,
+        unit=unit,
+        claim=Claim.HOUSEKEEPING,
+        decided=ByItem(item, at_least=ending == _LOWEST),
+        says="value of an item of the sensor's housekeeping",
+        plan=not_planned,
+        compared=not_compared,
+    )
+
+
+def item_requirements(limits: Limits, units: Mapping[str, str]) -> Iterator[ItemRequirement]:
+    """The entries of all items with limits; ``units`` are those of the items."""
+    for item, ends in limits.items.items():
+        for end, ending in zip(ends, (_LOWEST, _HIGHEST), strict=True):
+            found = item_requirement(f"{item}{ending}", units.get(item, "")) if end is not None else None
+            if found is not None:
+                yield found
+
+
 def requirement_named(name: str) -> Requirement | None:
     """The entry of a row that was kept by its name; None of a row of another version."""
-    return _BY_NAME.get(name)
+    return _BY_NAME.get(name) or item_requirement(name, "")
 
 
 def requirement_of(row: Row) -> Requirement:
     """The entry that a row was made from."""
-    return _BY_NAME[row.name]
+    return _BY_NAME.get(row.name) or item_requirement(row.name, row.unit) or _BY_NAME[row.name]

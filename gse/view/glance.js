@@ -108,6 +108,12 @@ function show(state) {
     at("events").dataset.lines = lines;
     at("events").replaceChildren(...state.events.map((line) => Object.assign(document.createElement("li"), {textContent: line})));
   }
+  at("housekeeping").hidden = !state.items.length;
+  at("items").replaceChildren(...state.items.map(([name, text, colour]) => {
+    const item = Object.assign(document.createElement("div"), {className: colour});
+    item.append(Object.assign(document.createElement("dt"), {textContent: name}), Object.assign(document.createElement("dd"), {textContent: text}));
+    return item;
+  }));
   put("session", `${state.sensor}, ${state.site}, ${state.port}; for ${state.duration_s < 120 ? `${state.duration_s} s` : duration(Math.floor(state.duration_s / 60))}; ${state.utc.slice(11, 19)} UTC`);
 }
 

@@ -29,9 +29,12 @@ from gse.view.error_trace import ErrorTraces
 from gse.view.glance_word import LATE_S, Facts, Phase, word_of
 from gse.view.live_state import ErrorsSoFar, LiveState
 from gse.view.verdict_text import clock_health
+from protocols import COLOURS
 
 # Dawn: when the sky of a site becomes too bright for stars.
 
+_ITEMS_SHOWN = 24
+"""Of the sensor's housekeeping; a page holds so many."""
 _STEP_NS = 600 * NS_PER_S
 _STEPS = 144
 _HALVINGS = 10
@@ -340,8 +343,14 @@ class Glance:
             "dawn_min": self._next_dawn.minutes(so_far.utc_ns or now.utc_ns),
             "turn": self._turn(),
             "focus": self._focus(),
+            "items": self._items(),
             "events": [str(line) for line in so_far.events],
         }
+
+    def _items(self) -> list[tuple[str, str, str]]:
+        """Name, text and colour of the latest value of each item: red ones first, then yellow ones."""
+        latest = sorted(self._live.items.items(), key=lambda of: -COLOURS.index(of[1].colour))
+        return [(name, item.text, item.colour) for name, item in latest[:_ITEMS_SHOWN]]
 
     def _focus(self) -> dict[str, Any] | None:
         if self._latest is None or self._so_far.subject is Subject.SENSOR:
