@@ -289,6 +289,8 @@ class Description(DescriptionPart):
     scale: Scale = Fraction(1)
     messages: Annotated[dict[Name, MessageDescription], Field(min_length=1, max_length=MAX_MESSAGES)]
     commands: Annotated[dict[Name, CommandDescription], Field(max_length=MAX_MESSAGES)] = {}
+    parameters: Name | None = None
+    """The command whose answer is the table of parameters: the items of that message."""
 
     @functools.cached_property
     def every_message(self) -> Mapping[str, MessageDescription]:

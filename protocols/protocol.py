@@ -21,7 +21,7 @@ from protocols.commands import compile_commands
 from protocols.description import Description, TimeDescription
 from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
-from protocols.items import Item, ItemValue, compile_items
+from protocols.items import Item, ItemValue, compile_items, unknown_name
 from protocols.layout import Addresses, FrameLayout, MessageLayout, compile_frame, compile_messages, one_way
 from protocols.messages import (
     Ack,
@@ -60,6 +60,7 @@ class Protocol:
         commands = {layout.code: name for name, layout in layouts.items() if not layout.from_sensor}
         self.items = compile_items(description, layouts, source)
         self.commands = compile_commands(description, layouts, self.items, source, self)
+        self.parameters = self._parameter_names(source)
         self._codecs = {
             name: (PanoramaCodec if layout.slots else MessageCodec)(layout, commands)
             for name, layout in layouts.items()
@@ -69,6 +70,18 @@ class Protocol:
 
     def __repr__(self) -> str:
         return f"<Protocol {self.name}: {', '.join(self._codecs)}>"
+
+    def _parameter_names(self, source: DescriptionSource) -> tuple[str, ...]:
+        """The items that are parameters; DescriptionError where no command reads them back."""
+        name = self.description.parameters
+        if name is None:
+            return ()
+        if name not in self.commands:
+            raise source.error(unknown_name(name, self.commands, "command"), ("parameters",))
+        found = tuple(item.name for item in self.items.values() if item.message == self.commands[name].answer)
+        if not found:
+            raise source.error(f"the answer to {name} is no message with items", ("parameters",))
+        return found
 
     @functools.cached_property
     def items_by_message(self) -> dict[str, tuple[Item, ...]]:

@@ -82,6 +82,9 @@ class DocumentedTest(_PaperSection):
     approver: Text | None = None
     sensor_serial: Text | None = None
     sensor_firmware: Text | None = None
+    parameters_sha256: Annotated[str, Field(pattern=r"^[0-9A-Fa-f]{64}$")] | None = None
+    parameters: Annotated[dict[Text, float | Text], Field(max_length=1000)] = {}
+    """Parameters that the sensor must read back, by name."""
     instruments: Annotated[tuple[Instrument, ...], Field(max_length=_MOST)] = ()
     requirements: Annotated[dict[Text, VerifiedRequirement], Field(max_length=_MOST)] = {}
     """By the name of the row of the verdict."""

@@ -14,6 +14,7 @@ from gse.diagnosis.set_up_mistake import mount_fit
 from gse.procedure.as_run import StepRun, spread_of, station_of
 from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
+from gse.station.parameters import parameter_differences, parameters_of, parameters_sha256
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Outcome, Row
@@ -45,6 +46,7 @@ def documented_test(session: SessionData, rows: Iterable[Row]) -> dict[str, Any]
     given = session.station.test.model_dump(mode="json")
     names = {row.name for row in rows}
     requirements = given.pop("requirements")
+    del given["parameters"], given["parameters_sha256"]  # beside those that the sensor read back
     unknown = [{"row": row, **of_row} for row, of_row in requirements.items() if row not in names]
     messages = [message for _, message in session.statuses]
     sensor = {
@@ -123,6 +125,13 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         report["slew"] = [_slew_step(subject, step) for subject, steps in assessment.slew.items() for step in steps]
     if session.housekeeping.summaries:
         report["housekeeping"] = list(_items(session))
+    if session.housekeeping.parameters:
+        report["parameters"] = {
+            "sha256": parameters_sha256(session.housekeeping),
+            "stated_sha256": session.station.test.parameters_sha256,
+            "values": parameters_of(session.housekeeping),
+            "differences": list(parameter_differences(session)),
+        }
     external = external_identifier(session)
     if external is not None:
         report["external_identifier"] = external

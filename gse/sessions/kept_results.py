@@ -95,12 +95,13 @@ class KeptContext(BaseModel):
     items: dict[str, Item] = {}
     item_summaries: dict[str, ItemSummary] = {}
     item_stride: int = 1
+    parameters: tuple[str, ...] = ()
 
     @classmethod
     def from_session(cls, session: SessionData) -> "KeptContext":
         """The context of a session."""
         orientation, stars = session.earth_orientation, session.stars
-        own = {"designation", "earth_orientation", "shown", "items", "item_summaries", "item_stride"}
+        own = {"designation", "earth_orientation", "shown", "items", "item_summaries", "item_stride", "parameters"}
         values = {name: getattr(session, name) for name in cls.model_fields if name not in own}
         return cls.model_construct(
             **values,
@@ -110,13 +111,22 @@ class KeptContext(BaseModel):
             items={item.name: item for item in session.housekeeping.items},
             item_summaries=session.housekeeping.summaries,
             item_stride=session.housekeeping.stride,
+            parameters=session.housekeeping.parameters,
         )
 
     def give_to(self, session: SessionData) -> None:
         """Set the fields of a session; TruthError where the Earth orientation is none."""
         text = self.earth_orientation
         for name in type(self).model_fields:
-            if name not in ("designation", "earth_orientation", "shown", "items", "item_summaries", "item_stride"):
+            if name not in (
+                "designation",
+                "earth_orientation",
+                "shown",
+                "items",
+                "item_summaries",
+                "item_stride",
+                "parameters",
+            ):
                 setattr(session, name, getattr(self, name))
         for shown in self.shown:
             session.shown.add(shown)
@@ -217,7 +227,7 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
         session.frames = restored_frames(frames, stars, context.subject, _rows(others, OTHER), stride)
         session.stars = restored_stars(stars, context.designation)
         session.housekeeping = Housekeeping.restored(
-            context.items, context.item_summaries, context.item_stride, _rows(items, ITEM)
+            context.items, context.parameters, context.item_summaries, context.item_stride, _rows(items, ITEM)
         )
         session.sensor_attitudes = AttitudeTable.from_rows(_rows(answers, OWN_ANSWER))
     return session

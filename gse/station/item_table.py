@@ -129,10 +129,14 @@ class ItemSummary:
 
 
 class Housekeeping:
-    """The items of a session: their ``latest`` values, their ``summaries``, and the table of all (``rows``)."""
+    """The items of a session: their ``latest`` values, their ``summaries``, and the table of all (``rows``).
 
-    def __init__(self, items: Mapping[str, Item]) -> None:
+    ``parameters`` are the names of those that are parameters of the sensor.
+    """
+
+    def __init__(self, items: Mapping[str, Item], parameters: Sequence[str] = ()) -> None:
         self.items = tuple(items.values())
+        self.parameters = tuple(parameters)
         self.latest: Mapping[str, ItemNow] = {}
         self.summaries: dict[str, ItemSummary] = {}
         self.stride = 1
@@ -142,10 +146,15 @@ class Housekeeping:
 
     @classmethod
     def restored(
-        cls, items: Mapping[str, Item], summaries: Mapping[str, ItemSummary], stride: int, rows: NDArray[np.void]
+        cls,
+        items: Mapping[str, Item],
+        parameters: Sequence[str],
+        summaries: Mapping[str, ItemSummary],
+        stride: int,
+        rows: NDArray[np.void],
     ) -> "Housekeeping":
         """The table that these were taken from; it gets no more rows."""
-        table = cls(items)
+        table = cls(items, parameters)
         table.summaries, table.stride = dict(summaries), stride
         table._store = ColumnStore(ITEM, len(rows))
         table._store.extend(rows)

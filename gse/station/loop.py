@@ -254,7 +254,7 @@ class StationLoop:
         self.setup = setup
         subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
         self.session = SessionData(station, setup.station_text, setup.protocol.name, subject=subject)
-        self.session.housekeeping = Housekeeping(setup.protocol.items)
+        self.session.housekeeping = Housekeeping(setup.protocol.items, setup.protocol.parameters)
         self.session.catalog = setup.catalog_facts()
         self.session.stars = setup.identifier.catalog.listed
         self.session.versions = versions()

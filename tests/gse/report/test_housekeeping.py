@@ -1,12 +1,13 @@
 """Housekeeping in report, rows of the verdict, tables and kept results."""
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from devices.items_sensor import ITEMS
+from devices.items_sensor import ITEMS, ITEMS_TEXT
 from skies.synthetic_night import synthetic_night
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -18,11 +19,14 @@ from gse.report.provenance import provenance
 from gse.report.summary import summarise
 from gse.sessions.kept_results import KeptContext
 from gse.station.item_table import ITEM, Housekeeping
+from gse.station.parameters import parameter_differences
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed
 from gse.statistics.decision import Outcome
 from gse.values.limits import Limits
 from gse.verdict.assessment import judge
+from gse.verdict.obstacles import obstacles
+from protocols import DescriptionError, parse_protocol
 
 
 def session_with(volts: list[float], **limits: object) -> SessionData:
@@ -133,3 +137,55 @@ def test_limits_of_an_item_that_cannot_be_are_refused(ends: str, said: str) -> N
     with pytest.raises(Exception, match=said):
         parse_station(BUILT_IN_TEXT + f"\nlimits: {{items: {{supply_v: {ends}}}}}\n")
     assert Limits().items == {}
+
+
+PARAMETERS = parse_protocol(
+    ITEMS_TEXT.replace("  HEALTH_REQUEST:", "  READ:").replace("commands:\n", "parameters: READ\ncommands:\n", 1),
+    "p.yaml",
+)
+HASHED = hashlib.sha256(b"mode tracking\nsupply_v 5.0 V\n").hexdigest()
+
+
+def with_parameters(volts: list[float], **test: object) -> SessionData:
+    session = session_with(volts)
+    rows, summaries = session.housekeeping.rows.rows(), session.housekeeping.summaries
+    session.housekeeping = Housekeeping.restored(PARAMETERS.items, PARAMETERS.parameters, summaries, 1, rows)
+    session.station = session.station.model_copy(
+        update={"test": session.station.test.model_copy(update=test)}  # as a station file states it
+    )
+    return session
+
+
+@pytest.mark.parametrize(
+    ("volts", "test", "said"),
+    [
+        ([5.0], {"parameters_sha256": HASHED.upper()}, []),
+        ([5.0], {"parameters": {"supply_v": 5.0, "mode": "tracking"}}, []),
+        ([5.0], {"parameters_sha256": "0" * 64}, [f"the SHA-256 of the parameters is {HASHED}"]),
+        ([5.0], {"parameters": {"supply_v": 4.0}}, ["the parameter supply_v is 5.0, test.parameters states 4.0"]),
+        ([5.0], {"parameters": {"gain": 4.0}}, ["the parameter gain is missing"]),
+        ([4.9, 5.0], {}, ["the parameter supply_v changed in the session, from 4.9 to 5"]),
+    ],
+    ids=lambda of: str(of)[:40],
+)
+def test_parameters_that_are_not_those_stated_forbid_a_pass(
+    volts: list[float], test: dict[str, object], said: list[str]
+) -> None:
+    session = with_parameters(volts, **test)
+    found = list(parameter_differences(session))
+    assert len(found) == len(said)
+    assert all(line.startswith(words) for line, words in zip(found, said, strict=True))
+    assert set(found) <= set(obstacles(session, judge(session).statistics, ()))
+    assert summarise(session, judge(session))["parameters"]["sha256"] == HASHED
+
+
+def test_parameters_that_never_came_forbid_a_pass_where_they_are_stated() -> None:
+    session = with_parameters([5.0], parameters_sha256=HASHED)
+    session.housekeeping = Housekeeping(PARAMETERS.items, PARAMETERS.parameters)
+    assert "never came" in next(parameter_differences(session))
+
+
+def test_a_command_that_reads_no_parameters_back_is_refused() -> None:
+    text = ITEMS_TEXT.replace("commands:\n", "parameters: STOP\ncommands:\n", 1)
+    with pytest.raises(DescriptionError, match="parameters: the answer to STOP is no message with items"):
+        parse_protocol(text, "p.yaml")
