@@ -202,6 +202,27 @@ def fitted_mount(alignment: Alignment, at: ChangedTruth) -> Term:
     )
 
 
+OWN_FRAME = "frame of the answers"
+
+
+def answers_frame(uncertainty_arcsec: float) -> Term:
+    """How well the frame of the sensor's own answers is known on the sensor; it is of no panorama."""
+    standard = uncertainty_arcsec / 2
+    return Term(
+        OWN_FRAME,
+        standard,
+        "arcsec",
+        standard,
+        standard,
+        standard,
+        evidence="B: the maker's alignment sheet, sensor.attitude.rotation.uncertainty_arcsec",
+        explanation="the answers are of another body, which sits on the sensor as stated",
+        remedy="measure how that body sits on the sensor more closely",
+        distribution=Distribution.NORMAL,
+        corrected=False,
+    )
+
+
 def clock(error_s: float, at: ChangedTruth) -> Term:
     """A constant error is absorbed by a fitted mount, but nothing says that it is constant: the term stays whole."""
     standard = error_s / math.sqrt(3)

@@ -28,6 +28,7 @@ from gse.values.attitude_convention import (
     proper_axes,
     read_angles,
     read_quaternions,
+    to_answers,
 )
 from gse.values.axis import ON_SKY
 from gse.values.finding import Finding
@@ -129,6 +130,7 @@ class ConventionSearch:
         if one.frame != ("ICRS" if stated.frame == "J2000" else stated.frame):
             return False
         if self.quaternions:
+            stated = replace(stated, rotation=None)  # the evidence is in the frame of the answers already
             return bool(np.abs(_readings(one) - _readings(stated)).max() < _SAME_READING)
         if one.ra_unit != stated.ra_unit:
             return False
@@ -325,6 +327,15 @@ def _explained(session: SessionData, convention: AttitudeConvention) -> float:
 
 
 def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> SentAnswers | None:
+    """The first answers beside the truth, in the frame of the answers where the station file says which that is."""
+    found, stated = _evidence_of_sensor(session, seconds), session.station.sensor.attitude
+    if found is None or stated.rotation is None:
+        return found
+    true, corrected = (to_answers(of, stated) for of in (found.true, found.true_corrected))
+    return replace(found, true=true, true_corrected=corrected)
+
+
+def _evidence_of_sensor(session: SessionData, seconds: float) -> SentAnswers | None:
     """The first answers beside the truth: what the stars of their panoramas show, or where the mount looked."""
     frames = session.frames.columns
     answers = session.sensor_attitudes.columns

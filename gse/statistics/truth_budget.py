@@ -22,8 +22,10 @@ from drivers.second_port import passing_bound_s
 from gse.station.clock_steps import instants_ns
 from gse.station.session_data import SessionData, middle_instant_ns
 from gse.statistics.budget_terms import (
+    OWN_FRAME,
     ChangedTruth,
     air_terms,
+    answers_frame,
     clock,
     earth_terms,
     fitted_mount,
@@ -38,6 +40,7 @@ from gse.statistics.sensor_answers import by_other_stars_arcsec
 from gse.statistics.star_terms import OWN_STARS, FieldOfStars, own_stars, star_terms
 from gse.statistics.uncertainty import AxisUncertainty, Term, combined
 from gse.truth import Alignment, EarthOrientation
+from gse.values.attitude_convention import AnswerRotation
 from gse.values.axis import AXES, D_DE, D_RA_COSDE, Axis
 from gse.values.mount import Mount
 from gse.values.screen import Screen
@@ -58,6 +61,7 @@ class SessionFacts:
     the clock is. ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
     ``time`` says what the time tags tell; a polled exposure may be ``poll_period_s`` older than it seems; passing bytes
     on took up to ``passing_s``. ``screen`` is what stood before the sensor, and ``shown`` what it showed.
+    ``answers`` is how the frame of its own answers sits on the sensor.
     """
 
     site: Site
@@ -76,6 +80,7 @@ class SessionFacts:
     passing_s: float = 0.0
     screen: Screen | None = None
     shown: ShownSky = field(default_factory=ShownSky)
+    answers: AnswerRotation | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +112,7 @@ class TruthUncertaintyBudget:
         total = (self.own_axes if own else self.axes)[axis.key].expanded_arcsec
         if total * share <= limit_arcsec:
             return None
-        terms = [term for term in self.terms if own or term.name != OWN_STARS]
+        terms = [term for term in self.terms if own or term.name not in (OWN_STARS, OWN_FRAME)]
         alone = {term: combined([term], axis).expanded_arcsec for term in terms}
         large = sorted((term for term in alone if alone[term] >= total / 2), key=alone.__getitem__, reverse=True)
         parts = " and ".join(f"{term.name} leaves {_amount(alone[term])}" for term in large) or "all terms together"
@@ -143,6 +148,7 @@ def session_facts(session: SessionData, *, clock_error_s: float, clock_by: str =
         passing_s=passing_bound_s(session.events),
         screen=station.screen,
         shown=session.shown.only(lambda item: item.rate_deg_per_s <= (station.limits.slew_deg_per_s or math.inf)),
+        answers=station.sensor.attitude.rotation if len(session.sensor_attitudes) else None,
     )
 
 
@@ -172,11 +178,13 @@ def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
         terms = (_no_truth(),)
     else:
         terms = tuple(_terms(facts, facts.earth_orientation))
+    if facts.answers is not None:
+        terms = (*terms, answers_frame(facts.answers.uncertainty_arcsec))
     if facts.clock_by:
         terms = tuple(
             replace(term, evidence=f"B: {facts.clock_by}") if term.name == "clock" else term for term in terms
         )
-    common = [term for term in terms if term.name != OWN_STARS]
+    common = [term for term in terms if term.name not in (OWN_STARS, OWN_FRAME)]
     axes, own_axes = ({axis.key: combined(some, axis) for axis in AXES} for some in (common, terms))
     return TruthUncertaintyBudget(terms, axes, own_axes)
 

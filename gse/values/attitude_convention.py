@@ -2,10 +2,12 @@
 
 import functools
 import itertools
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from gse.values.matrices import det, product
@@ -14,7 +16,39 @@ ReferenceFrame = Literal["ICRS", "J2000", "date", "B1950"]
 """Axes of RA and DE: ICRS, mean equator and equinox of J2000.0, true ones of date, or mean ones of B1950.0 (FK4)."""
 
 
+_ROUNDED = 1e-4
+"""An alignment sheet gives some five digits."""
 ROLL_ZEROS_DEG = (0, 90, 180, 270)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnswerRotation:
+    """How the frame of the answers (a cube, a bracket, a satellite) sits on the sensor, from an alignment sheet.
+
+    It turns coordinates in the frame of the answers into those of the sensor (x along columns, y along rows, z out of
+    the boresight): as a ``quaternion`` (vector first, scalar last, as AttitudeConvention has them), or as a matrix
+    whose rows are the sensor's ``axes`` in the frame of the answers. ``uncertainty_arcsec`` is the half-width of 95 %
+    about each axis.
+    """
+
+    quaternion: tuple[float, float, float, float] | None = None
+    axes: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] | None = None
+    uncertainty_arcsec: Annotated[float, Interval(ge=0, le=648_000)]
+
+    def __post_init__(self) -> None:
+        if (self.quaternion is None) is (self.axes is None):
+            raise ValueError("expected quaternion: [x, y, z, scalar], or axes: three rows of three numbers")
+        if self.quaternion is not None and abs(math.hypot(*self.quaternion) - 1) > _ROUNDED:
+            raise ValueError(f"the quaternion has the length {math.hypot(*self.quaternion):.6g}: expected 1")
+        matrix = self.matrix()
+        if not np.allclose(product(matrix, matrix.T), np.eye(3), atol=_ROUNDED) or det(matrix) < 0:
+            raise ValueError("axes: expected three right-handed unit vectors at right angles")
+
+    def matrix(self) -> NDArray[np.float64]:
+        """The rotation (3, 3) from the frame of the answers to the sensor."""
+        if self.quaternion is not None:
+            return np.asarray(from_quaternions(np.array([self.quaternion]))[0])
+        return np.array(self.axes, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +61,8 @@ class AttitudeConvention:
     the boresight), ``reference_axes`` those of its reference frame in words of ``frame``; both are right-handed, or
     both are mirrored. RA comes in degrees of the protocol, or in hours where the number is that. The roll of angles is
     the position angle of image up from north through east (``east``) or through west, less ``roll_zero_deg``.
-    ``aberration`` is whether stellar aberration was taken out.
+    ``aberration`` is whether stellar aberration was taken out. Where the answers are not of the sensor's own frame but
+    of another body's, ``rotation`` leads from that to the sensor.
     """
 
     scalar: Literal["first", "last"] = "last"
@@ -39,6 +74,7 @@ class AttitudeConvention:
     roll_through: Literal["east", "west"] = "east"
     roll_zero_deg: int = 0
     aberration: Literal["corrected", "not corrected"] = "not corrected"
+    rotation: AnswerRotation | None = None
 
     def __post_init__(self) -> None:
         if self.roll_zero_deg not in ROLL_ZEROS_DEG:
@@ -127,17 +163,35 @@ def read_angles(angles_deg: NDArray[np.float64], convention: AttitudeConvention)
     ra_deg, de_deg, roll_deg = angles_deg.T
     ra_deg = ra_deg * (15.0 if convention.ra_unit == "h" else 1.0)
     sign = 1.0 if convention.roll_through == "east" else -1.0
-    return from_angles(ra_deg, de_deg, sign * np.nan_to_num(roll_deg) + convention.roll_zero_deg)
+    if convention.rotation is None:
+        roll_deg = np.nan_to_num(roll_deg)  # a direction alone says nothing of another body's
+    return _to_sensor(from_angles(ra_deg, de_deg, sign * roll_deg + convention.roll_zero_deg), convention)
 
 
 def read_quaternions(quaternions: NDArray[np.float64], convention: AttitudeConvention) -> NDArray[np.float64]:
     """Rotations (M, 3, 3) from the axes of ``convention.frame`` to the sensor, of quaternions (M, 4) as they came."""
     stated = from_quaternions(quaternions, scalar=convention.scalar, conjugate=convention.conjugate)
-    return np.asarray(product(axes_matrix(convention.body_axes).T, stated, axes_matrix(convention.reference_axes)))
+    read = np.asarray(product(axes_matrix(convention.body_axes).T, stated, axes_matrix(convention.reference_axes)))
+    return _to_sensor(read, convention)
+
+
+def _to_sensor(rotations: NDArray[np.float64], convention: AttitudeConvention) -> NDArray[np.float64]:
+    """Rotations (M, 3, 3) to the sensor, of those to the frame of its answers."""
+    if convention.rotation is None:
+        return rotations
+    return np.asarray(product(convention.rotation.matrix(), rotations))
+
+
+def to_answers(rotations: NDArray[np.float64], convention: AttitudeConvention) -> NDArray[np.float64]:
+    """Rotations (M, 3, 3) to the frame of the answers, of those to the sensor."""
+    if convention.rotation is None:
+        return rotations
+    return np.asarray(product(convention.rotation.matrix().T, rotations))
 
 
 def state_quaternions(rotations: NDArray[np.float64], convention: AttitudeConvention) -> NDArray[np.float64]:
     """The inverse of ``read_quaternions``: the numbers (M, 4) that a sensor with this convention sends."""
+    rotations = to_answers(rotations, convention)
     stated = product(axes_matrix(convention.body_axes), rotations, axes_matrix(convention.reference_axes).T)
     if convention.conjugate:
         stated = stated.transpose(0, 2, 1)
@@ -147,6 +201,7 @@ def state_quaternions(rotations: NDArray[np.float64], convention: AttitudeConven
 
 def state_angles(rotations: NDArray[np.float64], convention: AttitudeConvention) -> NDArray[np.float64]:
     """The inverse of ``read_angles``: RA, DE and roll (M, 3) that a sensor with this convention sends."""
+    rotations = to_answers(rotations, convention)
     x, y, z = rotations[:, 2].T
     up = -rotations[:, 1]
     ra = np.arctan2(y, x)
