@@ -49,18 +49,21 @@ def command(
     of J2000 or ICRS, hours or degrees, the sense of the roll, aberration corrected or not. The exit code is 0 if the
     station file states one that fits, 1 if it does not or if none fits.
     """
-    from gse.statistics.sensor_convention import is_wrong, session_convention
+    from gse.statistics.sensor_convention import evidence_of, fit_rotation, is_wrong, session_convention
 
     with working("comparing the sensor's answers"):
         session = _session(path, station_path, start_utc, seconds)
         search = session_convention(session, seconds)
+        evidence = evidence_of(session, seconds) if search is not None and not search.fits else None
+        turned = fit_rotation(evidence) if evidence is not None else None
     if search is None:
         raise UsageError(
             f"{path} has {len(session.sensor_attitudes)} answers of the sensor in {seconds:g} s that can be compared; "
             "expected at least 10 ATTITUDE frames beside identified panoramas, or a stated mount"
         )
     stated = session.station.sensor.attitude
-    click.echo(json.dumps(_document(search, stated)) if as_json else "\n".join(_lines(search, stated)))
+    document = {**_document(search, stated), "rotation": None if turned is None else dataclasses.asdict(turned)}
+    click.echo(json.dumps(document) if as_json else "\n".join([*_lines(search, stated), *_of_rotation(turned)]))
     lost = damage_code(path, damaged=session.truncated)
     ctx.exit(lost or (EXIT_FAIL if not search.fits or is_wrong(search, stated) else 0))
 
@@ -130,9 +133,23 @@ def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str
         lines.append(f"the station file states this convention, but aberration {stated.aberration}")
     else:
         lines.append("the station file states this convention")
-    if named is not None and named != stated:
+    if named is not None and named != dataclasses.replace(stated, rotation=None):
         lines.append(f"station file: {to_state(search)}")
     return lines
+
+
+def _of_rotation(turned: "AttitudeConvention | None") -> list[str]:
+    """The rotation that makes the answers fit, and what to state."""
+    from gse.statistics.sensor_convention import rotation_as_yaml
+
+    if turned is None or turned.rotation is None:
+        return []
+    known = f"+-{turned.rotation.uncertainty_arcsec:g} arcsec about each axis (95 %)"
+    return [
+        f"fits with one rotation, known to {known}: the answers are of another body's frame, in ICRS or J2000",
+        "a session judged with a fitted rotation is relative; the maker's alignment sheet says more",
+        f"station file: {rotation_as_yaml(turned)}",
+    ]
 
 
 def _not_told_apart(search: "ConventionSearch") -> list[str]:

@@ -21,6 +21,7 @@ from gse.truth.frames import icrs_to_frame
 from gse.truth.orientation import FIRST_NS
 from gse.values.attitude_convention import (
     ROLL_ZEROS_DEG,
+    AnswerRotation,
     AttitudeConvention,
     ReferenceFrame,
     from_angles,
@@ -29,11 +30,12 @@ from gse.values.attitude_convention import (
     read_angles,
     read_quaternions,
     to_answers,
+    to_quaternions,
 )
 from gse.values.axis import ON_SKY
 from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
-from gse.values.matrices import length, product
+from gse.values.matrices import eigh, length, product
 
 # Search for the convention of a sensor's own answers: all discrete ones against a minute of sky.
 #
@@ -303,6 +305,62 @@ _FRAME_WORDS = {
     "date": "of date",
     "B1950": "of B1950 (FK4)",
 }
+
+
+_STEADY_SIGMAS, _STEADY_ARCSEC = 6.0, 20.0
+
+
+def fit_rotation(evidence: SentAnswers) -> AttitudeConvention | None:
+    """The convention with the one rotation that brings all answers to the truth; None where none stays the same.
+
+    A rotation between the frame of the answers and the sensor takes up body axes and the zero of the roll; what the
+    sky's motion leaves to tell is the order of a quaternion and its direction, and the sense of the roll.
+    """
+    if len(evidence.utc_ns) < FEWEST or not (evidence.is_quaternion or np.isfinite(evidence.sent[:, 2]).all()):
+        return None
+    fits = [_with_rotation(evidence, one) for one in _to_be_turned(evidence)]
+    convention, (size, uncertainty) = min(fits, key=lambda fit: fit[1][0])
+    return convention if size <= max(_STEADY_SIGMAS * uncertainty, _STEADY_ARCSEC) else None
+
+
+def _to_be_turned(evidence: SentAnswers) -> Iterator[AttitudeConvention]:
+    if not evidence.is_quaternion:
+        for unit, through in itertools.product(_UNITS, _SENSES):
+            yield AttitudeConvention(ra_unit=unit, roll_through=through)
+        return
+    for scalar, conjugate, axes in itertools.product(_SCALARS, (False, True), proper_axes()):
+        yield AttitudeConvention(scalar=scalar, conjugate=conjugate, reference_axes=axes)
+
+
+def _with_rotation(
+    evidence: SentAnswers, convention: AttitudeConvention
+) -> tuple[AttitudeConvention, tuple[float, float]]:
+    """A convention with its mean rotation to the sensor, and the misfit that is left."""
+    read = read_quaternions if evidence.is_quaternion else read_angles
+    of_answers = product(read(evidence.sent, convention), icrs_to_frame(convention.frame, evidence.utc_ns))
+    turns = to_quaternions(product(evidence.true, of_answers.transpose(0, 2, 1)))
+    _, vectors = eigh(product(turns.T, turns))
+    mean = vectors[:, -1]
+    turned = product(from_quaternions(mean[None]), of_answers)
+    _, _, roll, x, y = attitude_errors(turned, evidence.true).T
+    _, _, sampling = _mean_and_change(evidence.utc_ns, np.column_stack([x, y, roll]))
+    expanded = 2 * max(float(np.hypot(evidence.truth_arcsec, sampling)), _LEAST_UNCERTAINTY_ARCSEC)
+    quaternion = tuple((mean * (1.0 if mean[3] >= 0 else -1.0)).round(7).tolist())
+    rotation = AnswerRotation(quaternion=quaternion, uncertainty_arcsec=round(expanded, 1), fitted=True)
+    found = replace(convention, rotation=rotation)
+    return found, _misfit(evidence, found, evidence.true)
+
+
+def rotation_as_yaml(convention: AttitudeConvention) -> str:
+    """The line of a station file that states a convention with its rotation."""
+    rotation = convention.rotation
+    assert rotation is not None
+    assert rotation.quaternion is not None
+    keys = as_yaml(replace(convention, rotation=None))
+    numbers = ", ".join(f"{number:.7f}" for number in rotation.quaternion)
+    fitted = ", fitted: true" if rotation.fitted else ""
+    stated = f"rotation: {{quaternion: [{numbers}], uncertainty_arcsec: {rotation.uncertainty_arcsec:g}{fitted}}}"
+    return f"sensor: {{attitude: {{{', '.join(filter(None, (keys, stated)))}}}}}"
 
 
 def session_convention(session: SessionData, seconds: float = SEARCHED_S) -> ConventionSearch | None:

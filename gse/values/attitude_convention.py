@@ -28,12 +28,13 @@ class AnswerRotation:
     It turns coordinates in the frame of the answers into those of the sensor (x along columns, y along rows, z out of
     the boresight): as a ``quaternion`` (vector first, scalar last, as AttitudeConvention has them), or as a matrix
     whose rows are the sensor's ``axes`` in the frame of the answers. ``uncertainty_arcsec`` is the half-width of 95 %
-    about each axis.
+    about each axis. One that was ``fitted`` on answers takes their constant error away: a session with it is relative.
     """
 
     quaternion: tuple[float, float, float, float] | None = None
     axes: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] | None = None
     uncertainty_arcsec: Annotated[float, Interval(ge=0, le=648_000)]
+    fitted: bool = False
 
     def __post_init__(self) -> None:
         if (self.quaternion is None) is (self.axes is None):

@@ -349,11 +349,15 @@ def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:
 
 
 def _is_relative(station: Station) -> bool:
-    """Whether the mount, or the screen, was fitted on what the sensor saw."""
-    return station.mount.align is not None or (station.screen is not None and station.screen.to_sensor.fitted)
+    """Whether the mount, the screen or the frame of the answers was fitted on what the sensor saw."""
+    rotation, screen = station.sensor.attitude.rotation, station.screen
+    is_fitted = (rotation is not None and rotation.fitted) or (screen is not None and screen.to_sensor.fitted)
+    return station.mount.align is not None or is_fitted
 
 
 def _relative_to(session: SessionData) -> str:
+    if session.station.mount.align is None and session.station.screen is None:
+        return f"{RELATIVE}fitted frame of the answers: their constant error is not tested"
     if session.station.mount.align is None:
         return f"{RELATIVE}fitted screen: absolute pointing not tested"
     align_s, alignment, frames = session.station.mount.align_s or 0.0, session.alignment, session.frames.columns
