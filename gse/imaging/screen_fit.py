@@ -121,7 +121,7 @@ def fit_screen(seen: SeenStars, sky: ShownSky, stated: Screen, sensor: Camera, i
     half_widths = _clustered_half_widths(np.asarray(fit.jac), fit.fun, np.repeat(seen.star[before], 2))
     rms_px = float(np.sqrt(np.mean(fit.fun**2))) * sensor.focal_length_px
     screen, held = geometry.screen(values, half_widths)
-    gamma, gamma_half_width = _gamma(seen, sky, stated, index_max)
+    gamma, gamma_half_width = fit_gamma(seen, sky, stated, index_max)
     if math.isnan(gamma):
         return ScreenFit(screen, stars, rms_px, (*held, "gamma"))
     uncertainty = replace(screen.uncertainty, gamma=round(gamma_half_width, 4))
@@ -249,7 +249,7 @@ def _clustered_half_widths(
     return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
 
 
-def _gamma(seen: SeenStars, sky: ShownSky, stated: Screen, index_max: int) -> tuple[float, float]:
+def fit_gamma(seen: SeenStars, sky: ShownSky, stated: Screen, index_max: int) -> tuple[float, float]:
     """The panel's gamma with its half-width of 95 %, by index values of stars at rest; NaN where too few tell it."""
     rates = np.array([item.rate_deg_per_s for item in sky.shown])
     usable = (rates[sky.index_at(seen.utc_ns)] == 0) & (seen.index < _SATURATED * index_max)

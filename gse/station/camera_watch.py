@@ -17,6 +17,7 @@ from gse.values.camera import Camera
 from gse.values.identifier_options import IdentifierOptions
 from gse.values.instant import NS_PER_S
 from gse.values.panorama import Panorama
+from gse.values.screen import Screen
 from gse.values.text import percent
 
 Said = tuple[StationKind, str]
@@ -31,8 +32,10 @@ _FEWEST_OBJECTS = 7
 class CameraWatch:
     """Looks at panoramas until one is identified, or the true camera is found."""
 
-    def __init__(self, camera: Camera, catalog: StarCatalog, subject: IdentifierOptions) -> None:
-        self._camera, self._catalog, self._subject = camera, catalog, subject
+    def __init__(
+        self, camera: Camera, catalog: StarCatalog, subject: IdentifierOptions, screen: Screen | None = None
+    ) -> None:
+        self._camera, self._catalog, self._subject, self._screen = camera, catalog, subject, screen
         self._first: Panorama | None = None
         self._latest: Panorama | None = None
         self._after_s = _FIRST_AFTER_S
@@ -70,7 +73,10 @@ class CameraWatch:
         self._is_over = found is not None
         if found is None or _fits(self._camera, found.camera) or not self._answers(panoramas, found.camera):
             return None
-        return _in_words(self._camera, found.camera)
+        kind, text = _in_words(self._camera, found.camera)
+        if kind is StationKind.WRONG_CAMERA and self._screen is not None:
+            text = f"{text}; or {self._screen.of_size(found.camera.focal_length_px / self._camera.focal_length_px)}"
+        return kind, text
 
     def _answers(self, panoramas: Sequence[Panorama], camera: Camera) -> bool:
         """Whether the identifier under test answers with a camera; a program of somebody else is not asked again."""

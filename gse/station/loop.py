@@ -312,7 +312,7 @@ class StationLoop:
         self._event_log = EventLog()
         stated_mag = station.sensor.zero_point_mag
         self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount, stated_mag=stated_mag)
-        camera = CameraWatch(setup.camera, setup.identifier.catalog, setup.station.identifier)
+        camera = CameraWatch(setup.camera, setup.identifier.catalog, setup.station.identifier, station.screen)
         self._result_events = ResultEvents(self.sky, camera)
 
     def run(

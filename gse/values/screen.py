@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gse.values.camera import Camera
 from gse.values.matrices import length, product
 from gse.values.mount import InertialUncertainty
+from gse.values.text import percent
 
 _ABOUT_TEN_ARCSEC = InertialUncertainty()
 _Distortion = Annotated[float, Interval(ge=-1, le=1)]
@@ -124,4 +125,15 @@ class Screen:
             self.radial_distortion,
             False,
             self.tangential_distortion,
+        )
+
+    def of_size(self, factor: float) -> str:
+        """That the picture is larger by a factor than stated, in words of what may have been stated wrongly."""
+        away = "focal_length_mm" if self.focal_length_mm is not None else "distance_mm"
+        away_mm = self.focal_length_mm or self.distance_mm or math.nan
+        larger = f"about {percent(abs(factor - 1), 2)} {'larger' if factor > 1 else 'smaller'}"
+        return (
+            f"the picture on the screen is {larger} than stated: screen.pixel_pitch_mm is "
+            f"{self.pixel_pitch_mm * factor:.4g} instead of {self.pixel_pitch_mm:g}, or screen.{away} is "
+            f"{away_mm / factor:.4g} instead of {away_mm:g}"
         )

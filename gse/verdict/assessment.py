@@ -17,6 +17,7 @@ from html import escape
 
 from gse.config.station import Station
 from gse.diagnosis.diagnosis import findings
+from gse.diagnosis.screen_findings import screen_findings
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.diagnosis.set_up_mistake import (
@@ -54,6 +55,11 @@ TRUTH_SHARE = 3.0
 LEFT_OUT = ": neither limit nor data: "
 """Between a subject and the names of its rows that a report leaves out, in a line of ``not_tested``."""
 
+STAR_SIMULATOR = (
+    "star simulator: absolute pointing, site and clock; refraction and aberration; the colours of stars, their picture "
+    "through the optics, and the faintest of them"
+)
+"""What no screen shows, in a line of ``not_tested``."""
 RELATIVE = "relative to a "
 """What a line of the reasons begins with that says so; it is no reason against PASS."""
 
@@ -328,9 +334,11 @@ def _keeps_its_limit(row: Row) -> bool:
 
 
 def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
-    """The causes of what panoramas show under the sky; before a star simulator none of them can be."""
-    if Subject.ONBOARD not in stats.subjects or session.station.mount.inertial is not None:
+    """The causes of what panoramas show under the sky; before a star simulator only those of a screen can be."""
+    if Subject.ONBOARD not in stats.subjects:
         return ()
+    if session.station.mount.inertial is not None:
+        return tuple(screen_findings(session))
     return findings(session, stats)
 
 
@@ -389,7 +397,9 @@ def _not_tested(
         yield _without_sensor(own_answers)
     if Subject.ONBOARD not in stats.subjects:
         yield "onboard: no panoramas came, so there was nothing to identify and nothing to check the answers by"
-    if relative:
+    if station.mount.inertial is not None:
+        yield STAR_SIMULATOR
+    elif relative:
         yield "absolute pointing, site and clock: the mount was fitted on the same sky"
 
 

@@ -41,7 +41,7 @@ Visits = Callable[..., AbstractContextManager[Visit]]
 
 @contextmanager
 def browser() -> Iterator[Visits]:
-    """A browser for the tests of a module, each with fresh pages of its own; gives ``visit(offline=, size=)``."""
+    """A browser for the tests of a module, each with fresh pages of its own; gives ``visit``."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with sync_api.sync_playwright() as driver:
         arguments = ["--no-sandbox", *SOFTWARE_GRAPHICS]
@@ -53,9 +53,12 @@ def browser() -> Iterator[Visits]:
 
 
 @contextmanager
-def _visit(running: Any, *, offline: bool = False, size: tuple[int, int] = (1000, 600)) -> Iterator[Visit]:
-    """A fresh page, which shares nothing with those before it."""
-    context = running.new_context(offline=offline, viewport={"width": size[0], "height": size[1]})
+def _visit(
+    running: Any, *, offline: bool = False, size: tuple[int, int] = (1000, 600), ratio: float = 1.0
+) -> Iterator[Visit]:
+    """A fresh page, which shares nothing with those before it; ``ratio`` is that of a scaled display, or a zoom."""
+    viewport = {"width": size[0], "height": size[1]}
+    context = running.new_context(offline=offline, viewport=viewport, device_scale_factor=ratio)
     context.set_default_timeout(1000 * PATIENCE_S)
     opened = Visit(context.new_page())
     context.on("request", lambda request: opened.requests.append(request.url))

@@ -127,6 +127,15 @@ def test_a_page_of_another_size_shows_nothing_and_says_so(visit, served, stage):
     assert not any(is_shown(item) for item in news)
 
 
+@pytest.mark.parametrize(("ratio", "size"), [(1.1, (1745, 982)), (1.25, (1536, 864))])
+def test_a_zoom_and_a_scaled_display_show_nothing_and_are_named(visit, served, stage, ratio, size):
+    with visit(size=size, ratio=ratio) as opened:
+        opened.page.goto(served.url)
+        news = news_until(stage, lambda item: f"the browser draws {ratio:g} pixels of the panel" in str(item))
+    assert "set its zoom to 100 % (Ctrl-0) and the display's scale to 100 %" in str(news[-1])
+    assert not any(is_shown(item) for item in news)
+
+
 def test_the_page_is_small(served):
     from urllib.request import urlopen
 

@@ -74,6 +74,12 @@ def test_the_budget_has_the_terms_of_a_screen_and_none_of_the_sky(folder):
     assert terms["pixel grid"]["de_arcsec"] == pytest.approx(0.005 * 206264.8 * 0.1 / 500, abs=0.001)
 
 
+def test_a_report_says_that_it_is_of_a_star_simulator_and_what_that_cannot_test(folder):
+    (line,) = [one for one in json.loads((folder / "report.json").read_text())["not_tested"] if "simulator" in one]
+    assert line.startswith("star simulator: absolute pointing, site and clock; refraction and aberration; the colours")
+    assert "<strong>star simulator</strong> that shows RA 83.0°" in (folder / "report.html").read_text()
+
+
 def test_what_was_shown_is_recorded_and_a_replay_gives_the_same_report(folder, tmp_path):
     replayed = CliRunner().invoke(cli, ["replay", str(folder), "--no-plots", "--out", str(tmp_path)])
     assert replayed.exit_code == 0, replayed.output
@@ -160,10 +166,21 @@ def test_a_limit_of_the_rate_without_a_scene_that_turns_is_named_as_not_tested(f
 REAL = "{focal_length_mm: 501, gamma: 2.5, latency_ms: 35, to_sensor: {x_deg: 1.02, y_deg: -0.53, roll_deg: 20.4}}"
 
 
-def rehearsed(folder, station, device):
-    """The session of the scene screen-fit before a screen that differs from the stated one, and its exit code."""
-    scenario = (files("gse.simulator") / "scenarios" / "screen-fit.yaml").read_text()
-    (folder / "fit.yaml").write_text(f"{scenario}rate_hz: 5\ndevice: {device}\n")
+STILL = """\
+text: three fields at rest
+rate_hz: 5
+scene:
+  steps:
+    - {ra_deg: 83, de_deg: -2, for_s: 10}
+    - {ra_deg: 310, de_deg: 40, for_s: 10}
+    - {ra_deg: 30, de_deg: 60, for_s: 10}
+"""
+
+
+def rehearsed(folder, station, device, scene=None):
+    """The session before a screen that differs from the stated one, and its exit code; of the scene screen-fit."""
+    fit = (files("gse.simulator") / "scenarios" / "screen-fit.yaml").read_text() + "rate_hz: 5\n"
+    (folder / "fit.yaml").write_text(f"{scene or fit}device: {device}\n")
     port = f"sim://?scenario={folder}/fit.yaml"
     before = set(folder.glob("sessions/*"))
     ran = CliRunner().invoke(
@@ -171,6 +188,38 @@ def rehearsed(folder, station, device):
     )
     (session,) = set(folder.glob("sessions/*")) - before
     return session, ran.exit_code
+
+
+@pytest.mark.parametrize(
+    ("device", "cause", "words"),
+    [
+        (
+            "{screen: {pixel_pitch_mm: 0.1005}}",
+            "focal length",
+            "% larger than stated: screen.pixel_pitch_mm is 0.1005 instead of 0.1",
+        ),
+        (
+            "{screen: {pixel_pitch_mm: 0.11}}",
+            "focal length",
+            "or the picture on the screen is about 10.00 % larger than stated",
+        ),
+        ("{sensor: {mirrored: true}}", "mirrored image", "the monitor is mirrored"),
+        ("{screen: {gamma: 1.8}}", "gamma of the screen", "as on a panel of gamma 1.7"),
+    ],
+    ids=["pixel pitch", "zoom of 110 %", "mirrored monitor", "night light"],
+)
+def test_a_screen_that_is_not_as_stated_is_named_in_words(tmp_path, device, cause, words):
+    (tmp_path / "lab.yaml").write_text(STATION)
+    session, _ = rehearsed(tmp_path, tmp_path / "lab.yaml", device, STILL)
+    report = json.loads((session / "report.json").read_text())
+    assert [one["cause"] for one in report["diagnosis"]] == [cause]
+    assert words in report["diagnosis"][0]["size"]
+    if report["verdict"] != "PASS":
+        assert any(words in reason for reason in report["reasons"])
+
+
+def test_a_screen_that_is_as_stated_has_no_finding(folder):
+    assert json.loads((folder / "report.json").read_text())["diagnosis"] == []
 
 
 def test_a_fitted_screen_is_written_and_the_next_session_is_judged_relative_to_it(tmp_path):

@@ -774,7 +774,7 @@ def test_a_time_that_the_sensor_states_is_called_so():
 def test_without_panoramas_or_before_a_star_simulator_nothing_is_looked_for_in_the_sky():
     """They would need the frames, which are not there."""
     for subjects, inertial in (((Subject.SENSOR,), None), ((Subject.ONBOARD,), "a direction")):
-        asked = SimpleNamespace(station=SimpleNamespace(mount=SimpleNamespace(inertial=inertial)))
+        asked = SimpleNamespace(station=SimpleNamespace(mount=SimpleNamespace(inertial=inertial), screen=None))
         assert _causes(asked, SimpleNamespace(subjects=subjects)) == ()
 
 
