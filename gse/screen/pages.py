@@ -84,7 +84,8 @@ class _Live(Page, WebSocketHandler):
 def _report(told: dict[str, Any]) -> PageReport:
     trip_ms = UNKNOWN_MS if told["round_trip_ms"] is None else _number(told["round_trip_ms"], _MOST_MS)
     width, height = (round(_number(told[name], _MOST_PX)) for name in ("width", "height"))
-    return PageReport(width, height, _number(told["ratio"], _MOST_RATIO), told["visible"] is True, trip_ms)
+    ratio, gap_ms = _number(told["ratio"], _MOST_RATIO), _number(told["gap_ms"], _MOST_MS)
+    return PageReport(width, height, ratio, told["visible"] is True, trip_ms, min(max(gap_ms, 0.0), _MOST_MS))
 
 
 def _number(value: Any, most: float) -> float:

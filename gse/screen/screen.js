@@ -9,7 +9,7 @@ const canvas = document.getElementById("sky"), paint = canvas.getContext("2d", {
 const say = document.getElementById("say");
 const REPORT_MS = 500, AGAIN_MS = 1000, FORGET_MS = 600000, REACH = 4.5;
 let sky = null, scene = null, planned = [], picture = null, pixels = null, light = null, touched = [];
-let socket = null, clock = { offset: 0, trip: Infinity, at: 0 }, drawn = -1;
+let socket = null, clock = { offset: 0, trip: Infinity, at: 0 }, drawn = -1, turnedAt = null, gap = 0;
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/screen/live`);
@@ -41,7 +41,9 @@ function report() {
     width: Math.round(innerWidth * ratio), height: Math.round(innerHeight * ratio), ratio,
     visible: document.visibilityState === "visible",
     round_trip_ms: Number.isFinite(clock.trip) ? clock.trip : null,
+    gap_ms: gap,
   }));
+  gap = 0;
 }
 
 function take(document) {
@@ -151,7 +153,11 @@ function frame(now) {
   while (planned.length && stationMs + 500 / sky.refresh_hz >= planned[0].from_ms) scene = planned.shift();
   if (!scene) return;
   const isNew = scene.step !== drawn;
-  if (!isNew && !scene.turn_rad_per_s.some(Boolean)) return;
+  const turns = scene.turn_rad_per_s.some(Boolean);
+  if (!isNew && !turns) return;
+  // While a scene turns, a picture that stands longer than its time shows an attitude that is over.
+  if (!isNew && turnedAt !== null) gap = Math.max(gap, now - turnedAt);
+  turnedAt = turns ? now : null;
   say.textContent = "";
   draw(Math.max((stationMs - scene.from_ms) / 1000 + 0.5 / sky.refresh_hz, 0));
   if (isNew) {

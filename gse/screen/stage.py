@@ -31,6 +31,8 @@ AHEAD_NS = 500_000_000
 """A change is planned so long before it: the loop looks five times a second, and a page on this machine needs less."""
 _SILENT_NS = 2 * NS_PER_S
 """A page that shows tells so twice a second; one that is silent for longer has gone, or its browser stopped it."""
+_MOST_PICTURES = 3.5
+"""Pictures that may be missed while a scene turns: at 0.5 deg/s and 60 Hz two of them are half a minute of arc."""
 UNKNOWN_MS = 1000.0
 """How well the page's time is known before its first question was answered."""
 _STAR_DIGITS = 7
@@ -46,6 +48,8 @@ class PageReport:
     ratio: float
     visible: bool
     round_trip_ms: float = UNKNOWN_MS
+    gap_ms: float = 0.0
+    """The longest time that a picture of a scene that turns stood since the report before."""
     heard_ns: int = 0
 
     def trouble(self, screen: Screen) -> str:
@@ -61,6 +65,11 @@ class PageReport:
             return (
                 f"the page has {self.width} x {self.height} pixels, the station file says {screen.columns} x "
                 f"{screen.rows}: show it full-screen (F11) on the right monitor"
+            )
+        if self.gap_ms > _MOST_PICTURES * 1000 / screen.refresh_hz:
+            return (
+                f"a picture of the scene that turns stood for {self.gap_ms:.0f} ms instead of "
+                f"{1000 / screen.refresh_hz:.0f}: this computer is busy, or its graphics are too slow for the panel"
             )
         return ""
 

@@ -136,6 +136,23 @@ def test_a_zoom_and_a_scaled_display_show_nothing_and_are_named(visit, served, s
     assert not any(is_shown(item) for item in news)
 
 
+TURNING = """\
+text: a scene that turns
+scene: {steps: [{ra_deg: 83, de_deg: -2, turn_deg_per_s: [0, 0.5, 0], for_s: 600}]}
+"""
+
+
+def test_a_picture_that_stands_too_long_while_the_scene_turns_is_told(visit):
+    stage = Stage(STATION, parse_scenario(TURNING, "test"))
+    with ViewServer("127.0.0.1", 0, screen_content(stage)) as server, visit(size=(1920, 1080)) as opened:
+        opened.page.goto(server.url)
+        news_until(stage, is_shown)
+        wait_until(opened.page, "drawn === 0 && turnedAt !== null")
+        opened.page.evaluate("for (const end = performance.now() + 400; performance.now() < end;);")
+        (*_, told) = news_until(stage, lambda item: not is_shown(item) and "instead of 17" in item[1])
+    assert told[0] == "SCREEN_LOST"
+
+
 def test_the_page_is_small(served):
     from urllib.request import urlopen
 

@@ -73,6 +73,7 @@ def test_without_a_scene_the_direction_of_the_station_file_stands():
         (replace(READY, visible=False), "the page is hidden"),
         (replace(READY, ratio=1.1), "1.1 pixels of the panel for one of its own: set its zoom to 100 %"),
         (replace(READY, ratio=1.25), "the display's scale to 100 %"),
+        (replace(READY, gap_ms=80.0), "stood for 80 ms instead of 17: this computer is busy"),
         (replace(READY, width=1366, height=768), "the page has 1366 x 768 pixels, the station file says 1920 x 1080"),
     ],
 )
@@ -86,6 +87,10 @@ def test_a_page_that_cannot_show_the_scene_is_lost_with_what_to_do(page, words):
     assert words in text
     stage.hears(READY)
     assert events(stage.take()) == [("SCREEN_SHOWS", "the page shows the scene")]
+
+
+def test_a_picture_that_is_missed_now_and_then_is_no_trouble():
+    assert replace(READY, gap_ms=51.0).trouble(STATION.screen) == ""
 
 
 def test_a_page_that_is_closed_is_lost_once():
