@@ -220,7 +220,7 @@ version: 1
 sensor: {name: canvas, rows: 720, columns: 1280, focal_length_px: 4170, time: {scale: unix, uncertainty_ms: 20}}
 site: {name: lab, latitude_deg: 48, longitude_deg: 11, height_m: 500}
 mount: {inertial: {ra_deg: 83, de_deg: -2}}
-screen: {pixel_pitch_mm: 0.1, columns: 1280, rows: 720, focal_length_mm: 417}
+screen: {pixel_pitch_mm: 0.1, columns: 1280, rows: 720, focal_length_mm: 417, latency_uncertainty_ms: 5}
 protocol: panorama-v1-subpixel
 identifier: {algorithm: robust}
 limits: {slew_deg_per_s: 0.5, false_share: 0.1}

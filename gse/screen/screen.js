@@ -55,13 +55,21 @@ function take(document) {
   pixels = new Uint32Array(picture.data.buffer).fill(0xff000000);
   light = new Float32Array(sky.columns * sky.rows);
   sky.disc = new Map(sky.discs);
+  sky.levels = levels();
   paint.putImageData(picture, 0, 0);
   drawn = -1; planned = []; scene = null;
 }
 
-// The inverse of the panel's law: which of its 256 levels gives so much light.
+// The inverse of the panel's law: which of its 256 levels gives so much light. By the root of the light, of which the
+// faintest level has 60 steps: a power for each pixel takes longer than all else.
+const STEPS = 65535;
+
+function levels() {
+  return Uint8Array.from({ length: STEPS + 1 }, (_, k) => Math.round(255 * Math.pow(k / STEPS, 2 / sky.gamma)));
+}
+
 function level(linear) {
-  return linear >= 1 ? 255 : Math.round(255 * Math.pow(linear, 1 / sky.gamma));
+  return linear >= 1 ? 255 : sky.levels[Math.round(STEPS * Math.sqrt(linear))];
 }
 
 function add(x, y, brightness, size) {
@@ -69,12 +77,14 @@ function add(x, y, brightness, size) {
   const left = Math.max(Math.round(x) - reach, 0), right = Math.min(Math.round(x) + reach, sky.columns - 1);
   const top = Math.max(Math.round(y) - reach, 0), bottom = Math.min(Math.round(y) + reach, sky.rows - 1);
   if (left > right || top > bottom) return;
+  // A Gaussian is a product of one along the columns and one along the rows; a disc is none.
+  const along = new Float64Array(right - left + 1);
+  for (let k = 0; k < along.length; k += 1) along[k] = Math.exp(-(((left + k - x) * s) ** 2));
   for (let row = top; row <= bottom; row += 1) {
-    const down = (row - y) * s, at = row * sky.columns;
+    const at = row * sky.columns, down = size ? 0 : brightness * Math.exp(-(((row - y) * s) ** 2));
     for (let column = left; column <= right; column += 1) {
-      const along = (column - x) * s;
       const beyond = size ? Math.max(Math.hypot(row - y, column - x) - size / 2, 0) * s : 0;
-      light[at + column] += brightness * Math.exp(size ? -beyond * beyond : -(along * along + down * down));
+      light[at + column] += size ? brightness * Math.exp(-beyond * beyond) : down * along[column - left];
     }
   }
   touched.push([left, top, right, bottom]);
