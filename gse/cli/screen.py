@@ -72,4 +72,6 @@ def served(stage: "Stage | None", say: Callable[[str], None]) -> Iterator[None]:
         raise UsageError(f"{error}; perhaps a session or another gse screen shows the stars already") from error
     with server:
         say(f"stars for the sensor: open {server.url} on its monitor and click into it")
+        if gap := stage.screen.gap_beside(stage.station.sensor.camera()):
+            say(gap)
         yield

@@ -224,7 +224,7 @@ def plausibility(station: Station, begins_ns: int, hours: float | None = None) -
     A simulated or recorded session has no night to come: what would be a doubt is only said.
     """
     yield _field(station)
-    yield _mount(station.mount)
+    yield _mount(station)
     yield _baud(station)
     is_made = is_mock(station.port.url)
     night = _night_of(station, begins_ns)
@@ -253,7 +253,11 @@ def _field(station: Station) -> Check:
     return Check("field", CheckOutcome.OK, text)
 
 
-def _mount(mount: Mount) -> Check:
+def _mount(station: Station) -> Check:
+    mount, screen = station.mount, station.screen
+    if screen is not None and (gap := screen.gap_beside(station.sensor.camera())):
+        words, _, advice = gap.partition(": ")
+        return Check("mount", CheckOutcome.WARN, words, advice)
     if mount.inertial is not None:
         return Check("mount", CheckOutcome.OK, "fixed to the stars: before a star simulator or a screen")
     if not _is_stated(mount):

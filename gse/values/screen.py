@@ -13,6 +13,8 @@ from gse.values.matrices import length, product
 from gse.values.mount import InertialUncertainty
 from gse.values.text import percent
 
+_PLACES = 64
+"""Along each side of a sensor, at which the screen is looked for."""
 _ABOUT_TEN_ARCSEC = InertialUncertainty()
 _Distortion = Annotated[float, Interval(ge=-1, le=1)]
 
@@ -125,6 +127,25 @@ class Screen:
             self.radial_distortion,
             False,
             self.tangential_distortion,
+        )
+
+    def covers(self, sensor: Camera) -> float:
+        """The share of a sensor's field behind which the screen stands."""
+        middles = (np.arange(_PLACES) + 0.5) / _PLACES
+        x, y = np.meshgrid(middles * sensor.columns - 0.5, middles * sensor.rows - 0.5)
+        directions = sensor.directions(np.column_stack([x.ravel(), y.ravel()]))
+        camera = self.camera()
+        return float(camera.contains(camera.pixels(product(directions, self.to_sensor.rotation()))).mean())
+
+    def gap_beside(self, sensor: Camera) -> str:
+        """That it does not cover the field of a sensor, and what to do; empty where it does."""
+        share = self.covers(sensor)
+        if share == 1:
+            return ""
+        missing = "stars are missing at its edge" if share else "the sensor sees no star"
+        return (
+            f"the screen covers {percent(share, 0)} of the sensor's field, so that {missing}: take a larger panel, a "
+            "shorter lens or distance, or check screen.to_sensor"
         )
 
     def of_size(self, factor: float) -> str:

@@ -109,3 +109,20 @@ def test_a_panel_of_another_gamma_makes_faint_stars_fainter():
         light = before / STATION.sensor.index_max * saturating
         assert after == pytest.approx(STATION.sensor.index_max * light ** (2.5 / 2.2), rel=0.05)
         assert math.isfinite(after)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({}, ""),
+        ({"focal_length_mm": 1000.0}, "the screen covers 46 % of the sensor's field, so that stars are missing"),
+        (
+            {"to_sensor": ScreenToSensor(x_deg=40.0)},
+            "the screen covers 0 % of the sensor's field, so that the sensor sees no",
+        ),
+    ],
+)
+def test_a_screen_that_does_not_cover_the_field_is_told_with_its_share(keys, words):
+    screen = replace(STATION.screen, rows=1440, **keys)  # at 1 m: 0.192 x 0.144 of the field's tangents, 0.246 each
+    assert screen.gap_beside(STATION.sensor.camera()).startswith(words)
+    assert (screen.covers(STATION.sensor.camera()) == 1) is (words == "")
