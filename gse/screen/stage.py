@@ -82,6 +82,8 @@ class Stage:
     scenario: Scenario
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _page: PageReport | None = None
+    _joined_ns: int = 0
+    """When the page was opened."""
     _trouble: str = "no page is open"
     _from_ns: list[int] = field(default_factory=list)
     """When the page draws each step that is planned."""
@@ -124,6 +126,8 @@ class Stage:
         """Take the report of the page."""
         page.heard_ns = read_clock().utc_ns
         with self._lock:
+            if self._page is None:
+                self._joined_ns = page.heard_ns
             self._page = page
 
     def leaves(self) -> None:
@@ -132,9 +136,14 @@ class Stage:
             self._page = None
 
     def drawn(self, step: int, late_ms: float) -> None:
-        """The page drew a step so much after its instant: until then the one before stood, and no frame counts."""
+        """The page drew a step so much after its instant: until then the one before stood, and no frame counts.
+
+        A page that was opened while a step stood already is not late: the time without a page is left out by itself.
+        """
         with self._lock:
             if not 0 <= step < len(self._shown) or late_ms <= self._shown[step].within_ms:
+                return
+            if self._from_ns[step] < self._joined_ns:
                 return
             text = f"the page drew {late_ms:.0f} ms late: this computer is busy, or the browser is"
             self._news.append((StationKind.SCREEN_LATE, text))

@@ -1,5 +1,6 @@
 """The stage of a screen: what it plans, and what it says of the page that shows it."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -114,6 +115,19 @@ def test_a_step_that_was_drawn_late_is_told_and_its_instant_is_known_less_well()
     assert told == ("SCREEN_LATE", "the page drew 80 ms late: this computer is busy, or the browser is")
     assert corrected.from_ns == planned.from_ns
     assert corrected.within_ms == pytest.approx(80 + planned.within_ms)
+
+
+def test_a_page_that_is_opened_again_while_a_step_stands_is_not_late():
+    stage = staged()
+    stage.hears(READY)
+    (planned,) = shown(stage.take())
+    stage.leaves()
+    stage.take()
+    while read_clock().utc_ns <= planned.from_ns:  # half a second
+        time.sleep(0.05)
+    stage.hears(READY)
+    stage.drawn(0, 26_000.0)
+    assert stage.take() == [("SCREEN_SHOWS", "the page shows the scene")]
 
 
 def test_the_page_gets_all_stars_that_it_may_show_and_what_the_scene_adds():
