@@ -44,7 +44,7 @@ _CAUSES = {
     "slips": ("slip of the mount",),
     "drift": ("mount moves",),
     "swing": ("thermal sinusoid",),
-    "dew": ("dew",),
+    "dew": ("brightness scale",),
     "hot": ("hot pixels",),
 }
 """What findings may name in a night with such a feature."""
@@ -80,7 +80,9 @@ def night(number: int, rate_hz: float) -> Night:
     if has["dew"]:
         air["dew_magnitudes"] = [[0, 0], [0.8 * seconds, 0], [seconds, float(random.uniform(0.5, 2.5))]]
     if has["caps"]:
-        air["capped_s"] = [[at, at + float(random.uniform(30, 300))] for at in random.uniform(0.1, 0.8, 2) * seconds]
+        air["capped_s"] = [
+            [at, at + float(random.uniform(30, 300))] for at in (random.uniform(0.1, 0.8, 2) * seconds).tolist()
+        ]
     if has["satellites"]:
         air["satellites_per_minute"] = float(random.uniform(0.1, 1))
     noise_arcsec = float(random.uniform(2, 12))
@@ -97,7 +99,7 @@ def night(number: int, rate_hz: float) -> Night:
                 "mount": {"azimuth_deg": float(random.uniform(0, 360)), "altitude_deg": float(random.uniform(50, 90))},
                 "protocol": "panorama-v1-subpixel",
             },
-            "optics": {"position_noise_arcsec": float(random.uniform(5, 25))},
+            "optics": {"position_noise_arcsec": float(random.uniform(5, 15))},
             "detector": {"hot_pixels": int(has["hot"]) * 6, "missing": float(random.uniform(0, 0.03))},
             "air": air,
             "motion": motion,

@@ -19,6 +19,8 @@ from protocols import StatusMessage
 
 BLOCKS = 60
 """Slopes are of the medians of so many equal parts of the session."""
+DARK_DEG = -18.0
+"""Altitude of the Sun at which astronomical twilight ends: above it the light of the sky is added to that of stars."""
 MIN_SPAN_S = 600.0
 """A shorter session tells no slope over time."""
 MIN_RANGE_K = 2.0
@@ -141,6 +143,7 @@ def _brightness_trend(session: SessionData) -> Trend | None:
     """
     frames, matches = session.frames.columns, session.frames.matches
     clear = (frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLEAR)) & np.isfinite(frames["transparency"])
+    clear &= ~(frames["sun_altitude_deg"] > DARK_DEG)
     matches = matches.compress(clear[matches["frame"]] & (matches["brightness"] > 0))
     if not len(matches):
         return None

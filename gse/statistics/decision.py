@@ -360,7 +360,7 @@ def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str =
         if at_least and share.lower < _SAYS_NOTHING * asked.limit:
             shows = ""
             events = events or ("the answers that are missing came together" if share.count < share.of else "")
-        why = f"{events}, too few events to tell" if events else "a longer session decides"
+        why = f"{events}, too few events to tell" if events else how_long(share, asked.limit, at_least=at_least)
         reason = f"{seen}{shows}, the limit is {limit}: {why}"
     return Row(
         asked.subject,
@@ -416,6 +416,14 @@ def share_times(share: Share, limit: float, *, at_least: bool) -> float:
         return bool((above | below).mean() >= DECIDED)
 
     return _first(is_decided) - 1 if is_decided(MOST_LENGTHS) else math.inf
+
+
+def how_long(share: Share, limit: float, *, at_least: bool) -> str:
+    """Which session would have decided a share that is undecided, in words."""
+    times = 1 + share_times(share, limit, at_least=at_least)
+    if math.isinf(times):
+        return _NO_LENGTH
+    return f"a session {max(times, 1.1):.{0 if times >= 10 else 1}f} times as long decides"
 
 
 def _first(is_so: Callable[[float], bool]) -> float:

@@ -68,6 +68,8 @@ MISSING_SHARE = 0.5
 _CLEAR_PERCENTILE = 90.0
 _EDGE_NS = 10 * NS_PER_S
 """Two windows of the sky's condition: so far beyond a stretch its edge may reach."""
+_BREAKING_NS = 120 * NS_PER_S
+"""And so far in which all absences belong to it where fewer stars than usual are seen: a cloud that breaks up."""
 _BLOCK_NS = 30 * NS_PER_S
 """Stars come and go at the edge of a field within seconds: half a minute tells what share of them is seen."""
 _FEWEST_BLOCKS = 4
@@ -86,8 +88,12 @@ def no_sky(frames: Columns, site: Site, *, starlit: bool = False) -> tuple[Exclu
         frames = InOrder(frames, np.argsort(frames["utc_ns"], kind="stable"))
     found: list[_Stretch] = []
     twilights = () if starlit else _twilights(frames)
-    for stretch in (*twilights, *_clouds(frames), *_explained(frames, site, starlit)):
-        _add(found, _with_edges(stretch, frames), frames)
+    clouds = tuple(_clouds(frames))
+    fewer = _fewer_stars(frames) if clouds else np.zeros(len(frames), dtype=bool)
+    for cloud in clouds:
+        _add(found, _with_edges(cloud, frames, fewer), frames)
+    for stretch in (*twilights, *_explained(frames, site, starlit)):
+        _add(found, _with_edges(stretch, frames, np.zeros_like(fewer)), frames)
     return tuple(_exclusion(stretch, frames) for stretch in sorted(found, key=lambda one: one.first))
 
 
@@ -113,27 +119,37 @@ def _add(found: list[_Stretch], stretch: _Stretch, frames: Columns) -> None:
     found.append(stretch)
 
 
-def _with_edges(stretch: _Stretch, frames: Columns) -> _Stretch:
-    """The stretch with the absences that go on at its edges."""
-    utc_ns, near, bridged_ns = frames["utc_ns"], _beyond(frames, stretch), _bridged_ns(frames)
+def _fewer_stars(frames: Columns) -> NDArray[np.bool_]:
+    """In which frames (M,) fewer stars are seen than in the dark part of the session."""
+    block, share, is_light = _star_shares(frames)
+    return np.asarray((share < _usual_share(share, is_light))[block])
+
+
+def _with_edges(stretch: _Stretch, frames: Columns, fewer: NDArray[np.bool_]) -> _Stretch:
+    """The stretch with the absences that go on at its edges, and all of those while ``fewer`` (M,) stars are seen."""
+    utc_ns, bridged_ns = frames["utc_ns"], _bridged_ns(frames)
     first, last = stretch.first, stretch.last
+    near = _within(utc_ns, stretch, _BREAKING_NS)
     absent = near.start + np.flatnonzero(frames["status"][near] != STATUSES.index(Status.IDENTIFIED))
+    as_usual = near.start + np.flatnonzero(~fewer[near])
+    until = min(as_usual[as_usual > stretch.last], default=near.stop)
+    since = max(as_usual[as_usual < stretch.first], default=near.start - 1)
+    edge = _within(utc_ns, stretch, _EDGE_NS)
     for row in absent[absent > last].tolist():
-        if utc_ns[row] - utc_ns[last] > bridged_ns:
+        if row >= until and (row >= edge.stop or utc_ns[row] - utc_ns[last] > bridged_ns):
             break
         last = row
     for row in absent[absent < first][::-1].tolist():
-        if utc_ns[first] - utc_ns[row] > bridged_ns:
+        if row <= since and (row < edge.start or utc_ns[first] - utc_ns[row] > bridged_ns):
             break
         first = row
     return replace(stretch, first=first, last=last)
 
 
-def _beyond(frames: Columns, stretch: _Stretch) -> slice:
-    """The rows of a stretch and of its edges."""
-    utc_ns = frames["utc_ns"]
-    first = np.searchsorted(utc_ns, utc_ns[stretch.first] - _EDGE_NS)
-    last = np.searchsorted(utc_ns, utc_ns[stretch.last] + _EDGE_NS, side="right")
+def _within(utc_ns: NDArray[np.int64], stretch: _Stretch, apart_ns: int) -> slice:
+    """The rows of a stretch and of so long about it."""
+    first = np.searchsorted(utc_ns, utc_ns[stretch.first] - apart_ns)
+    last = np.searchsorted(utc_ns, utc_ns[stretch.last] + apart_ns, side="right")
     return slice(int(first), int(last))
 
 

@@ -27,6 +27,7 @@ from gse.statistics.decision import (
     Outcome,
     Row,
     Share,
+    how_long,
     judge_figure,
     judge_share,
     share_times,
@@ -155,7 +156,8 @@ class BySlowShare:
         if row.outcome is Outcome.FAIL or undecided:
             reason = f"{row.label} is {subject.time_ms.p99:.1f} ms, the limit is {asked.limit:g} ms"
             reason += f" ({subject.slow.count} of {subject.slow.of} frames are slower"
-            shows = f", which shows at most {percent(subject.slow.upper, 1)}: a longer session decides)"
+            shows = f", which shows at most {percent(subject.slow.upper, 1)}: "
+            shows += f"{how_long(subject.slow, SLOW_SHARE, at_least=False)})"
             reason += shows if undecided else ")"
         return dataclasses.replace(
             row, value=subject.time_ms.p99, unit=asked.unit, limit=asked.limit, reason=reason, uncertainty=math.nan

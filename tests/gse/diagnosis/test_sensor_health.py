@@ -484,8 +484,12 @@ def test_the_drift_of_brightness_takes_five_stars(stars: int, is_told: bool) -> 
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("sky_condition", SKY_CONDITIONS.index(SkyCondition.CLOUDED)), ("transparency", math.nan)],
-    ids=["clouded", "of unknown transparency"],
+    [
+        ("sky_condition", SKY_CONDITIONS.index(SkyCondition.CLOUDED)),
+        ("transparency", math.nan),
+        ("sun_altitude_deg", -17.9),
+    ],
+    ids=["clouded", "of unknown transparency", "in twilight"],
 )
 def test_other_frames_than_clear_ones_tell_no_drift_of_brightness(name: str, value: float) -> None:
     made = fading()

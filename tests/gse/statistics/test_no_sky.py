@@ -514,6 +514,22 @@ def test_absences_at_the_edge_of_a_cloud_belong_to_it_for_ten_seconds(rows, unti
     assert stretches_s(absent(clouded(100, 160), *rows)) == [(100.0, until_s)]
 
 
+@pytest.mark.parametrize(
+    ("few_until_s", "rows", "until_s"),
+    [
+        (240, (165, 190, 230), 230.0),
+        (240, (190, 250), 190.0),  # as many stars as ever from the block at 240 s on
+        (300, (190, 279, 280), 279.0),
+        (210, (215,), 159.0),
+    ],
+)
+def test_all_absences_belong_to_a_cloud_that_breaks_up_for_two_minutes(few_until_s, rows, until_s):
+    """13 stars instead of 16 until then: blocks of half a minute tell."""
+    made = absent(clouded(100, 160), *rows)
+    made["stars_seen"][160:few_until_s] = 13
+    assert stretches_s(made) == [(100.0, until_s)]
+
+
 def test_absences_before_a_cloud_belong_to_it_too():
     assert stretches_s(absent(clouded(100, 160), 92, 95, 98, 80)) == [(92.0, 159.0)]
 

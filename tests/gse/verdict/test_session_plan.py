@@ -16,7 +16,9 @@ from gse.statistics.decision import (
     Outcome,
     Row,
     further_share,
+    how_long,
     judge_figure,
+    judge_share,
     lengths_to_pass,
     minutes_more,
     share_of,
@@ -145,6 +147,21 @@ def test_a_share_that_never_or_always_happened_is_decided_when_its_bound_has_com
     share, limit, at_least, expected
 ):
     assert share_times(share, limit, at_least=at_least) == pytest.approx(expected, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (share_of(0, 298), "a session 1.1 times as long decides"),
+        (share_of(0, 100), "a session 3.0 times as long decides"),
+        (share_of(0, 25), "a session 12 times as long decides"),
+        (share_of(0, 25, 0.5), "a longer session cannot decide"),
+    ],
+)
+def test_an_undecided_share_says_which_session_decides(share, words):
+    asked = Criterion(Subject.ONBOARD, "false answers", 0.01, Decision.GUARDED)
+    assert how_long(share, 0.01, at_least=False) == words
+    assert judge_share(asked, share, at_least=False).reason.endswith(f"the limit is 1.00 %: {words}")
 
 
 @pytest.mark.parametrize(("absent", "least_told"), [(0.03, 30), (0.06, 20)])

@@ -279,7 +279,7 @@ def test_an_identification_that_is_slower_than_the_limit_fails():
     [
         (200, "is 250.0 ms, the limit is 200 ms (200 of 200 frames are slower)"),
         # scipy.stats.beta.ppf(0.95, 4, 197) = 0.0383
-        (3, "is 250.0 ms, the limit is 200 ms (3 of 200 frames are slower, which shows at most 3.8 %: a longer"),
+        (3, "is 250.0 ms, the limit is 200 ms (3 of 200 frames are slower, which shows at most 3.8 %: a session 42"),
     ],
 )
 def test_a_time_that_fails_or_is_not_decided_is_told_in_milliseconds(slow, words):
@@ -746,7 +746,7 @@ def timed(slow, of, *, is_stated=False, p99=123.45):
             298,
             Outcome.INCONCLUSIVE,
             "sensor identification time on this host, 99 % is 123.5 ms, the limit is 150 ms (0 of 298 frames are "
-            "slower, which shows at most 1.0 %: a longer session decides)",
+            "slower, which shows at most 1.0 %: a session 1.1 times as long decides)",
         ),
         (
             9,
