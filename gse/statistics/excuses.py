@@ -41,6 +41,7 @@ from gse.statistics.low_field import air_in_field, only_reference_answers
 from gse.truth.solar_system import sun_altitude_deg
 from gse.values.instant import NS_PER_S
 from gse.values.site import Site
+from gse.values.text import count_text
 
 # Stretches in which there was no sky to see: twilight and daylight, cloud, cover.
 #
@@ -286,15 +287,19 @@ def _reason(frames: Columns, first: int, last: int, site: Site, starlit: bool) -
         return Cause.NO_SKY, f"stars {faded_mag:.1f} mag too faint: cloud for {{duration}}"
     if _missing(frames, first, last):
         return Cause.NO_SKY, "less than half of the stars just before or after: cloud for {duration}"
-    most = int(np.percentile(frames["objects"][part], _CLEAR_PERCENTILE))
+    seen = frames["status"] == STATUSES.index(Status.IDENTIFIED)
+    hot = int(np.median(frames["hot_pixels"][seen])) if seen.any() else 0  # told from stars in frames with an answer
+    most = max(int(np.percentile(frames["objects"][part], _CLEAR_PERCENTILE)) - hot, 0)
     if most < FEWEST_OBJECTS:
-        return Cause.NO_OBJECTS, _few_objects(most, float(np.median(frames["stars_expected"][part])))
+        return Cause.NO_OBJECTS, _few_objects(most, hot, float(np.median(frames["stars_expected"][part])))
     return None
 
 
-def _few_objects(most: int, expected: float) -> str:
+def _few_objects(most: int, hot: int, expected: float) -> str:
     """Too few objects for an answer, with what may be the reason."""
     objects = "no object at all" if most == 0 else f"at most {most} object{'' if most == 1 else 's'}"
+    if hot:
+        objects = f"{'no object' if most == 0 else objects} beside {count_text(hot, 'hot pixel')}"
     stars = f", {expected:.0f} star{' is' if expected == 1 else 's are'} expected" if expected >= 0 else ""
     reason = "lens cap, cover or overcast" if most == 0 else "cloud, a cover, or a sensor that sends too few objects"
     if 0 <= expected < FEWEST_OBJECTS:

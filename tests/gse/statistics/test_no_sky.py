@@ -103,6 +103,22 @@ def test_panoramas_without_objects_are_a_cause_of_their_own(objects, words):
     assert all(("lens cap" in reason) == (objects == 0) for _, reason in made)
 
 
+@pytest.mark.parametrize(
+    ("objects", "words"),
+    [
+        (6, "no object beside 6 hot pixels for 12 s, 20 stars are expected: lens cap, cover or overcast"),
+        (8, "at most 2 objects beside 6 hot pixels for 12 s, 20 stars are expected: cloud, a cover, or"),
+        (9, None),
+    ],
+)
+def test_hot_pixels_are_seen_through_a_cap_and_are_no_stars(objects, words):
+    """They are told from stars where the sky is seen, and nowhere else."""
+    made = frames(objects=objects)
+    made["hot_pixels"][made["status"] == STATUSES.index(Status.IDENTIFIED)] = 6
+    reasons = [reason for _, reason in found(made)]
+    assert [reason.startswith(words) for reason in reasons] == [True] if words else reasons == []
+
+
 def test_an_overexposed_detector_in_the_dark_is_no_cloud():
     made = frames(objects=0)
     made["status"][450] = STATUSES.index(Status.SENSOR_FAULT)
