@@ -127,23 +127,18 @@ def _fewer_stars(frames: Columns) -> NDArray[np.bool_]:
 
 
 def _with_edges(stretch: _Stretch, frames: Columns, fewer: NDArray[np.bool_]) -> _Stretch:
-    """The stretch with the absences that go on at its edges, and all of those while ``fewer`` (M,) stars are seen."""
+    """The stretch with the absences that go on at its edges, and those up to where ``fewer`` (M,) stars are seen."""
     utc_ns, bridged_ns = frames["utc_ns"], _bridged_ns(frames)
     first, last = stretch.first, stretch.last
     near = _within(utc_ns, stretch, _BREAKING_NS)
     absent = near.start + np.flatnonzero(frames["status"][near] != STATUSES.index(Status.IDENTIFIED))
-    as_usual = near.start + np.flatnonzero(~fewer[near])
-    until = min(as_usual[as_usual > stretch.last], default=near.stop)
-    since = max(as_usual[as_usual < stretch.first], default=near.start - 1)
     edge = _within(utc_ns, stretch, _EDGE_NS)
     for row in absent[absent > last].tolist():
-        if row >= until and (row >= edge.stop or utc_ns[row] - utc_ns[last] > bridged_ns):
-            break
-        last = row
+        if fewer[row] or (row < edge.stop and utc_ns[row] - utc_ns[last] <= bridged_ns):
+            last = row
     for row in absent[absent < first][::-1].tolist():
-        if row <= since and (row < edge.start or utc_ns[first] - utc_ns[row] > bridged_ns):
-            break
-        first = row
+        if fewer[row] or (row >= edge.start and utc_ns[first] - utc_ns[row] <= bridged_ns):
+            first = row
     return replace(stretch, first=first, last=last)
 
 

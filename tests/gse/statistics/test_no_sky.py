@@ -546,6 +546,12 @@ def test_all_absences_belong_to_a_cloud_that_breaks_up_for_two_minutes(few_until
     assert stretches_s(made) == [(100.0, until_s)]
 
 
+def test_a_hole_in_a_cloud_shows_all_stars_for_half_a_minute():
+    made = absent(clouded(100, 160), 190, 195, 250, 290, 50)
+    made["stars_seen"][210:270] = made["stars_seen"][30:60] = 13
+    assert stretches_s(made) == [(50.0, 250.0)]
+
+
 def test_absences_before_a_cloud_belong_to_it_too():
     assert stretches_s(absent(clouded(100, 160), 92, 95, 98, 80)) == [(92.0, 159.0)]
 
