@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.station.columns import SKY_CONDITIONS
+from gse.station.frame_columns import Columns
 from gse.station.housekeeping import firmware_text
 from gse.station.results import SkyCondition
 from gse.station.session_data import SessionData
@@ -19,8 +20,10 @@ from protocols import StatusMessage
 
 BLOCKS = 60
 """Slopes are of the medians of so many equal parts of the session."""
-DARK_DEG = -18.0
-"""Altitude of the Sun at which astronomical twilight ends: above it the light of the sky is added to that of stars."""
+DARK_DEG = -15.0
+"""Altitude of the Sun above which the light of twilight is added to that of stars, by a hundredth or more."""
+THIN_CLOUD_S = 600.0
+"""A cloud is thin so long before it is told and after: its stars are faint by the cloud."""
 MIN_SPAN_S = 600.0
 """A shorter session tells no slope over time."""
 MIN_RANGE_K = 2.0
@@ -143,7 +146,7 @@ def _brightness_trend(session: SessionData) -> Trend | None:
     """
     frames, matches = session.frames.columns, session.frames.matches
     clear = (frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLEAR)) & np.isfinite(frames["transparency"])
-    clear &= ~(frames["sun_altitude_deg"] > DARK_DEG)
+    clear &= ~(frames["sun_altitude_deg"] > DARK_DEG) & ~_near_cloud(frames)
     matches = matches.compress(clear[matches["frame"]] & (matches["brightness"] > 0))
     if not len(matches):
         return None
@@ -154,6 +157,14 @@ def _brightness_trend(session: SessionData) -> Trend | None:
     light_mag = 2.5 * np.log10(matches["brightness"] / np.where(exposure_s > 0, exposure_s, 1.0))
     found = slope_within((utc_ns - utc_ns.min()) / (3600 * NS_PER_S), light_mag, matches["star"], MIN_STARS)
     return Trend(found[0], found[0] - found[1], found[0] + found[1]) if found else None
+
+
+def _near_cloud(frames: Columns) -> NDArray[np.bool_]:
+    """Which frames (M,) came within THIN_CLOUD_S of a clouded one."""
+    utc_ns, near_ns = frames["utc_ns"], round(THIN_CLOUD_S * NS_PER_S)
+    clouded_ns = np.sort(utc_ns[frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLOUDED)])
+    first, last = np.searchsorted(clouded_ns, [utc_ns - near_ns, utc_ns + near_ns])
+    return np.asarray(first < last)
 
 
 def _trend(at: NDArray[np.float64], values: NDArray[np.float64]) -> Trend | None:

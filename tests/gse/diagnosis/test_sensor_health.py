@@ -485,11 +485,11 @@ def test_the_drift_of_brightness_takes_five_stars(stars: int, is_told: bool) -> 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("sky_condition", SKY_CONDITIONS.index(SkyCondition.CLOUDED)),
+        ("sky_condition", SKY_CONDITIONS.index(SkyCondition.NO_STARS)),
         ("transparency", math.nan),
-        ("sun_altitude_deg", -17.9),
+        ("sun_altitude_deg", -14.9),
     ],
-    ids=["clouded", "of unknown transparency", "in twilight"],
+    ids=["without stars", "of unknown transparency", "in twilight"],
 )
 def test_other_frames_than_clear_ones_tell_no_drift_of_brightness(name: str, value: float) -> None:
     made = fading()
@@ -499,6 +499,17 @@ def test_other_frames_than_clear_ones_tell_no_drift_of_brightness(name: str, val
     assert drift_of(made) == pytest.approx((-0.3, -0.3, -0.3), abs=1e-5)
     made.frames.columns[name] = value
     assert sensor_health(made).brightness_mag_per_h is None
+
+
+def test_stars_near_a_cloud_tell_no_drift_of_brightness() -> None:
+    """Half an hour with a cloud at its end: ten minutes before it are thin cloud."""
+    made = fading()
+    frames = made.frames.columns
+    frames["utc_ns"] = START_NS + np.linspace(0, 1800 * NS_PER_S, 40).astype(np.int64)
+    frames["sky_condition"][-1] = SKY_CONDITIONS.index(SkyCondition.CLOUDED)
+    near = frames["utc_ns"] > frames["utc_ns"][-1] - 600 * NS_PER_S
+    made.frames.matches["brightness"][near[made.frames.matches["frame"]]] = 7.0
+    assert drift_of(made) == pytest.approx((-0.15, -0.15, -0.15), abs=1e-5)
 
 
 def test_a_star_without_brightness_tells_no_drift() -> None:
