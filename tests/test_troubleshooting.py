@@ -64,7 +64,7 @@ def messages():
 
 _CAUSES = (
     *("gross_causes", "fine_causes", "fine_findings", "diagnosis", "plain_findings", "misplaced_stars"),
-    *("screen_findings", "sensor_convention", "sensor_findings", "sensor_health", "set_up_mistake"),
+    *("screen_findings", "sensor_convention", "sensor_findings", "sensor_health", "set_up_mistake", "moved_mount"),
 )
 
 

@@ -22,7 +22,8 @@ from gse.diagnosis.fine_causes import forget_fits
 from gse.diagnosis.fine_findings import Setting, fine_findings, without_shaking
 from gse.diagnosis.gross_causes import gross_finding
 from gse.diagnosis.late_frames import LateFrames
-from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, most_unmatched, stars_fall_out
+from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, hidden_field, most_unmatched, stars_fall_out
+from gse.diagnosis.moved_mount import moved_finding, moved_mount
 from gse.diagnosis.plain_findings import (
     event_findings,
     faulty_panoramas,
@@ -238,9 +239,16 @@ def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
 
 def _causes(session: SessionData, counted: CountedFrames) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """The gross cause, or fine ones; none of these where the frames' own instants are not known."""
-    if gross := still_panoramas(session) or gross_finding(session, counted):
-        return (gross,), ()
-    return (), () if often_stand_still(session.frames.columns) else _fine(session, counted)
+    if still := still_panoramas(session):
+        return (still,), ()
+    moved = moved_mount(session, counted)
+    jump = moved_finding(session, moved) if moved else None
+    if moved and jump:  # the others tell all other causes
+        counted = replace(counted, answered=counted.answered & ~moved.away, used=counted.used & ~moved.away)
+    beside = (jump,) if jump else ()
+    if gross := gross_finding(session, counted):
+        return (gross,), beside
+    return (), (*beside, *(() if often_stand_still(session.frames.columns) else _fine(session, counted)))
 
 
 def _of_sensor(session: SessionData, named: tuple[Finding, ...], *, is_gross: bool) -> tuple[Finding, ...]:
@@ -253,9 +261,11 @@ def _of_sensor(session: SessionData, named: tuple[Finding, ...], *, is_gross: bo
 
 def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator[Finding]:
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
+    hidden = tuple(hidden_field(session))
+    yield from hidden
     yield from event_findings(session, named)
-    yield from nothing_identified(session)
-    yield from faulty_panoramas(session)
+    yield from () if hidden else nothing_identified(session)
+    yield from faulty_panoramas(session, stats.counted)
     if not named & set(STARS_FALL_OUT) and (loss := focus_loss(session, stats.counted)):
         yield focus_finding(loss)
     elif not named:

@@ -65,13 +65,14 @@ class Vibration:
     frame_hz: float
 
 
-def without_waves(series: ErrorSeries, periods_s: Sequence[float]) -> ErrorSeries:
-    """The errors without the sinusoids that were found."""
+def without_waves(series: ErrorSeries, periods_s: Sequence[float], *, drifts: bool = False) -> ErrorSeries:
+    """The errors without the sinusoids that were found, and without a drift where one was."""
     phases = [2 * math.pi / period_s * series.time_s for period_s in periods_s]
-    waves = [wave(phase) for phase in phases for wave in (np.sin, np.cos)]
-    if not waves:
+    slow = [wave(phase) for phase in phases for wave in (np.sin, np.cos)]
+    slow += [series.time_s - series.time_s.mean()] * drifts
+    if not slow:
         return series
-    design = np.column_stack([np.ones(len(series.time_s)), *waves])
+    design = np.column_stack([np.ones(len(series.time_s)), *slow])
     fit = lstsq(design, series.errors_arcsec)
     return replace(series, errors_arcsec=series.errors_arcsec - product(design[:, 1:], fit[1:]))
 
@@ -205,7 +206,8 @@ def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) ->
     found = [_WORDS[one.hypothesis.cause](one, setting) for one in causes]
     if model.field is not None:
         periods_s = [one.hypothesis.at_s for one in causes if one.hypothesis.cause == "thermal sinusoid"]
-        shaking = vibration(without_waves(series, periods_s), model.field)
+        drifts = any(one.hypothesis.cause in ("clock drift", "mount moves") for one in causes)
+        shaking = vibration(without_waves(series, periods_s, drifts=drifts), model.field)
         found += [_vibration(shaking)] if shaking and shaking.excess_arcsec <= MOST_SWING_ARCSEC else []
     return tuple(found)
 

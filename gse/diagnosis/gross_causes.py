@@ -529,6 +529,11 @@ def _time_unit(raw: RawAttitudes, mount: Mount, site: Site) -> Finding | None:
     useful = seconds > 0
     if useful.sum() < _FEWEST_STEPS or across < _LEAST_ACROSS:
         return None
+    # A sky that turns goes one way; directions that come and go do not.
+    boresights = raw.icrs_to_sensor[:, 2]
+    turned, crossed = float(np.linalg.norm(boresights - boresights[0], axis=1).max()), float(seen.sum())
+    if turned < _ONE_WAY * min(crossed, 1.0) or float(np.median(seen)) > _MOST_TURN_RAD:
+        return None
     power = math.log10(max(float(np.median(seen[useful] / stated[useful])), _TINY)) / 3
     times = round(power)
     if times == 0 or abs(power - times) > _POWER_WITHIN or abs(times) > 3:
@@ -553,6 +558,8 @@ _FEWEST_STEPS = 5
 _POWER_WITHIN, _STEPS_WITHIN = 0.05, 0.4
 """Of a thousand, to a third of it; steps from frame to frame have the noise of the boresight."""
 _LEAST_ACROSS, _TINY = 0.1, 1e-12
+_ONE_WAY, _MOST_TURN_RAD = 0.5, 0.5
+"""Between two of the frames that are looked at, a fifteenth of the session, the sky turns by 0.4 rad in a whole day."""
 
 
 def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> GrossCause | None:

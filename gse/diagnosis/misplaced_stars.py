@@ -1,4 +1,4 @@
-"""Stars out of place: objects too far from where the camera of the station file has their stars."""
+"""Stars that are not where they are expected: out of place, or hidden by something that stands in the field."""
 
 import math
 from collections.abc import Iterator
@@ -6,11 +6,18 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.columns import STATUSES
 from gse.station.frame_columns import Columns
-from gse.station.session_data import SessionData
+from gse.station.frame_table import xy_px_of
+from gse.station.results import Status
+from gse.station.session_data import SessionData, middle_instant_ns
+from gse.station.setup import catalog_of
 from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.counted_frames import CountedFrames
+from gse.truth import SiderealTruth, horizon_to_sensor
+from gse.values.attitude import Attitude
 from gse.values.finding import Finding
+from gse.values.matrices import product
 
 _LOW_DEG = 10.0
 """At an altitude of 10 deg air lifts stars by 5 arcmin, at 30 deg by 1.7: a field holds both."""
@@ -69,3 +76,110 @@ def _out_of_place(session: SessionData, seen: str) -> Finding:
         ("a distortion of the lens", "stars out of focus", "false objects of the sensor"),
         "fit the camera: gse calibrate SESSION --write FILE; look at the panoramas: gse view SESSION",
     )
+
+
+# Something that stands in the field: a wall, a tree, the rim of a dome.
+#
+# It hides all stars on one side of a line and none on the other; a cloud takes the faint ones everywhere. Of N stars, k
+# of which are missing, a line parts them by chance in some 2 N of the ways in which k of N can be missing.
+
+_LOOKS = 12
+"""Times of the session at which it is looked for."""
+_JOINED = 3
+"""Frames of which one must show a star: an extraction may miss it in one of them."""
+_WITHIN_PX, _MARGIN_PX = 25.0, 12.0
+"""A mount that is set by hand, and air, move stars by so much from their expected places."""
+_SEEN_SHARE = 0.8
+"""Where more of the expected stars are seen, nothing of interest is hidden."""
+_DIRECTIONS = 36
+_CHANCE, _LEAST_LOOKS = 0.02, 1 / 4
+_BRIGHTER, _CHANCE_OF_BRIGHT = 3, 0.1
+"""Where so many of the missing stars are brighter than most that are seen, no cloud dims them: less is needed."""
+_ONE_SIDE = 0.7
+"""Length of the mean of unit vectors towards the hidden side: 1 where all agree."""
+_SIDES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
+
+
+def hidden_field(session: SessionData) -> Iterator[Finding]:
+    """What hides the stars of one side of the field, where a quarter of the looks shows it."""
+    frames = session.frames.columns
+    expected = frames["stars_expected"].astype(np.float64)
+    fewer = (expected >= FEWEST_UNMATCHED) & (frames["stars_seen"] < _SEEN_SHARE * expected)
+    if session.station.mount.inertial is not None or not fewer.mean() > _LEAST_LOOKS:
+        return
+    looks = list(_looks(session))
+    told = [look for look in looks if look is not None and look[3] < _CHANCE]
+    if len(told) < max(_LEAST_LOOKS * _LOOKS, 2):
+        return
+    towards = np.mean([look[0] for look in told], axis=0)
+    if math.hypot(*towards) < _ONE_SIDE:
+        return
+    side = _SIDES[round(math.degrees(math.atan2(towards[1], towards[0])) / 45) % 8]
+    (_, first, of_first, _), (_, last, of_last, _) = told[0], told[-1]
+    grows = f", and {last} of {of_last} later" if abs(last / of_last - first / of_first) > _GROWS else ""
+    yield Finding(
+        "obstruction",
+        f"{first} of {of_first} expected stars are missing{grows}, all on the {side} side of the image; the others are "
+        "seen",
+        ("dew or dirt on a part of the lens", "the edge of a bank of cloud that stays"),
+        "free the view of the sensor or point it elsewhere, and repeat the session",
+    )
+
+
+_GROWS = 0.2
+
+
+def _looks(session: SessionData) -> Iterator[tuple[NDArray[np.float64], int, int, float] | None]:
+    """At some times: towards where stars are missing, how many, of how many, and the chance of it."""
+    frames, camera, middle_ns = session.frames.columns, session.station.sensor.camera(), middle_instant_ns(session)
+    matches, others = session.frames.matches, session.frames.others
+    frame = np.concatenate([matches["frame"], others["frame"]]).astype(np.int64)
+    xy_px = np.concatenate([xy_px_of(matches), xy_px_of(others)])
+    kept = np.unique(frame)
+    if middle_ns is None or not len(kept):
+        return
+    catalog = catalog_of(session.station, middle_ns)
+    for row in kept[np.linspace(0, len(kept) - 1, min(_LOOKS, len(kept))).astype(np.int64)].tolist():
+        icrs_to_sensor = _attitude(session, row)
+        if icrs_to_sensor is None:
+            continue
+        stars_sensor = product(catalog.icrs, icrs_to_sensor.T)
+        places = camera.pixels(stars_sensor[stars_sensor[:, 2] > math.cos(camera.diagonal_rad)])
+        inside = (places > _MARGIN_PX).all(axis=1) & camera.contains(places + _MARGIN_PX)
+        places = places[inside][: int(frames["stars_expected"][row])]
+        objects = xy_px[(frame >= row) & (frame < row + _JOINED)]
+        apart = np.linalg.norm(places[:, None] - objects[None], axis=2)
+        yield _one_sided(places, ~(apart < _WITHIN_PX).any(axis=1))
+
+
+def _attitude(session: SessionData, row: int) -> NDArray[np.float64] | None:
+    """From the catalogue to the sensor (3, 3): as answered, else as the mount looks, but for the air."""
+    frames, mount = session.frames.columns, session.alignment.mount if session.alignment else session.station.mount
+    if frames["status"][row] == STATUSES.index(Status.IDENTIFIED):
+        angles = [float(frames[name][row]) for name in ("ra_deg", "de_deg", "roll_deg")]
+        return Attitude.from_angles(*angles).icrs_to_sensor if np.isfinite(angles).all() else None
+    if session.earth_orientation is None or not mount.stated:
+        return None
+    truth = SiderealTruth(session.station.site, session.earth_orientation)
+    return np.asarray(product(horizon_to_sensor(mount), truth.icrs_to_horizon(int(frames["utc_ns"][row]))))
+
+
+def _one_sided(
+    places: NDArray[np.float64], missing: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], int, int, float] | None:
+    """Towards where (2,) stars (N, 2), brightest first, are missing, how many, of how many, and the chance of it."""
+    count, gone = len(missing), int(missing.sum())
+    if not 0 < gone < count:
+        return None
+    best, towards = count, np.zeros(2)
+    for angle in np.arange(_DIRECTIONS) * 2 * math.pi / _DIRECTIONS:
+        unit = np.array([math.cos(angle), math.sin(angle)])
+        beyond = missing[np.argsort(-(places * unit).sum(axis=1), kind="stable")]
+        wrong = int((np.cumsum(~beyond) + gone - np.cumsum(beyond)).min())
+        if wrong < best:
+            best, towards = wrong, unit
+    chance = 2 * count * math.comb(count, best) / math.comb(count, gone)
+    seen = np.flatnonzero(~missing)
+    if missing[: seen[len(seen) // 2]].sum() >= _BRIGHTER:
+        chance *= _CHANCE / _CHANCE_OF_BRIGHT
+    return towards, gone, count, chance

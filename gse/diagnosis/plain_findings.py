@@ -381,18 +381,26 @@ def stars_by_day(session: SessionData, counted: CountedFrames) -> Iterator[Findi
     )
 
 
-def faulty_panoramas(session: SessionData) -> Iterator[Finding]:
-    """Where more than half of the panoramas are."""
-    status = session.frames.columns["status"]
-    faulty = int((status == STATUSES.index(Status.SENSOR_FAULT)).sum())
-    if 2 * faulty > len(status):
+def faulty_panoramas(session: SessionData, counted: CountedFrames) -> Iterator[Finding]:
+    """Where more than half of the panoramas are, or more of those that are expected than may be without an answer."""
+    faulty = session.frames.columns["status"] == STATUSES.index(Status.SENSOR_FAULT)
+    count, missed = int(faulty.sum()), int((faulty & counted.expected).sum())
+    if 2 * count > len(faulty):
         yield Finding(
             "faulty panoramas",
-            f"{faulty} of {len(status)} panoramas cannot be: the sensor reports a fault, a value is not a number (a "
+            f"{count} of {len(faulty)} panoramas cannot be: the sensor reports a fault, a value is not a number (a "
             "place, an index value, the temperature), or an index value is too great, negative, or the same for all "
             "objects, so that no object is the brightest",
             ("a protocol description that reads index or x and y from the wrong bytes",),
             "read what was sent: gse decode SESSION --explain",
+        )
+    elif missed > (1 - session.station.limits.availability) * int(counted.expected.sum()):
+        yield Finding(
+            "faulty panoramas",
+            f"in {missed} of {len(faulty)} panoramas the sensor reports a fault, or sends values that cannot be; they "
+            "have no answer",
+            (),
+            "see which fault it reports: gse decode SESSION --explain; ask the maker",
         )
 
 

@@ -25,21 +25,20 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.diagnosis.fine_findings import CLOCK_SCALES
-from gse.diagnosis.fine_hypotheses import MOST_SLIP_ARCSEC
 from gse.diagnosis.gross_causes import CORRECT, angle_text, gross_cause_of
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
+from gse.diagnosis.moved_mount import SLIP, shown_frames
 from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_rad, taken_out
 from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import StationKind
-from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.mount_alignment import persistent_arcsec2
-from gse.station.results import ERRORS, AnswerCheck, Status, Subject
+from gse.station.results import ERRORS, AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.statistics.clock_health import ClockHealth
 from gse.statistics.counted_frames import CountedFrames
-from gse.statistics.excuses import Mistake, Mistaken
+from gse.statistics.excuses import MISSING_SHARE, Mistake, Mistaken
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.statistics.uncertainty import TO_STANDARD
@@ -48,7 +47,7 @@ from gse.values.attitude_convention import AttitudeConvention, read_angles, stat
 from gse.values.axis import AXES, OF_SENSOR
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
 from gse.values.finding import Finding
-from gse.values.instant import LAST_NS, to_text
+from gse.values.instant import to_text
 from gse.values.matrices import length, product
 from gse.values.mount import Mount, MountUncertainty
 from gse.values.site import Site, SiteUncertainty
@@ -59,6 +58,8 @@ _NO_STATION = "station file"
 _NOTHING = "nothing identified"
 OF_PLACE = ("mount", "clock offset", "site", "refraction", *CLOCK_SCALES)
 """Fine causes that turn the measured mount."""
+_CHANGES = ("mount moves", SLIP, "thermal sinusoid", "clock drift", "clock step")
+"""Fine causes whose mean over the session is a turn, too."""
 
 
 def lost_station(session: SessionData) -> Finding | None:
@@ -93,10 +94,19 @@ def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -
     return _OF_CAMERA.get(finding.cause) in kinds
 
 
+def hidden_mistake(session: SessionData, found: tuple[Finding, ...]) -> Finding | None:
+    """The obstruction among the findings, where it hides more than half of the expected stars."""
+    frames = session.frames.columns
+    hides = frames["stars_seen"] < MISSING_SHARE * frames["stars_expected"]
+    return next((one for one in found if one.cause == "obstruction" and 2 * hides.sum() > len(hides)), None)
+
+
 def mistake_of(finding: Finding) -> Mistake:
     """What a mistake is of, which says what it excuses."""
     if finding.cause == _NO_STATION:
         return Mistake(Mistaken.STATION_FILE, finding.cause)
+    if finding.cause == "obstruction":
+        return Mistake(Mistaken.FIELD, finding.cause)
     is_camera = finding.cause in (*_OF_CAMERA, *STARS_FALL_OUT, _NOTHING)
     return Mistake(Mistaken.CAMERA if is_camera else Mistaken.PLACE, finding.cause)
 
@@ -112,10 +122,6 @@ _MOST_SIGMAS = 3.0
 _FEWEST_FRAMES, _MOST_FITTED, _MOST_SHOWN = 3, 20_000, 2_000
 _LEAST_ARCSEC = 1.0
 """What the models of air and stars leave open."""
-_SLIP = "slip of the mount"
-_FEWEST_SHOWN = 30
-_LEAST_TIMES, _MOST_OUTLIERS = 5.0, 0.01
-"""A slip is so many times what answers are off by otherwise; nearly all lie nearer to their own part than half way."""
 _LEAST_COS_LATITUDE = 0.01
 """Within 64 km of a pole azimuth is counted from a meridian that is chosen, not found."""
 _FEW_MEANS_ARCSEC = 30.0
@@ -165,7 +171,7 @@ def shared_turn(session: SessionData, stats: Statistics, budget: TruthUncertaint
     mount = session.station.mount
     if session.alignment is not None or not mount.stated or mount.inertial is not None or mount.align is not None:
         return None
-    shown = _shown(session, stats.counted)
+    shown = shown_frames(session, stats.counted)
     rows = np.flatnonzero(shown)
     if len(rows) < _FEWEST_FRAMES:
         return None
@@ -201,7 +207,7 @@ def mount_fit(session: SessionData, counted: CountedFrames) -> dict[str, Any] | 
     mount = session.station.mount
     if not mount.stated or mount.inertial is not None:
         return None
-    rows = np.flatnonzero(_shown(session, counted))
+    rows = np.flatnonzero(shown_frames(session, counted))
     if session.alignment is not None:
         fitted = session.alignment.mount
     elif len(rows) >= _FEWEST_FRAMES:
@@ -217,14 +223,6 @@ def mount_fit(session: SessionData, counted: CountedFrames) -> dict[str, Any] | 
         "across_arcsec": math.hypot(turn[0], turn[1]),
         "roll_arcsec": float(turn[2]),
     }
-
-
-def _shown(session: SessionData, counted: CountedFrames) -> NDArray[np.bool_]:
-    """Frames (M,) whose errors are those of the sky that was seen: of the right stars, at a known time."""
-    frames = session.frames.columns
-    known = np.isfinite(frames["cross_x_arcsec"]) & np.isfinite(frames["d_roll_arcsec"])
-    wrong = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
-    return np.asarray(counted.answered & known & ~wrong & ~counted.excluded)
 
 
 def _off_its_stars(session: SessionData, shown: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -256,51 +254,9 @@ def _as_turns(x_arcsec: _Errors, y_arcsec: _Errors, roll_arcsec: _Errors) -> NDA
     return np.stack([cos * first - sin * second, sin * first + cos * second, np.stack([bx, by, bz], axis=-1)], axis=1)
 
 
-# A mount that was moved: panoramas of one direction up to an instant, of another one from then on.
-
-
-def moved_at_ns(session: SessionData, counted: CountedFrames) -> int | None:
-    """The instant from which on the mount looks elsewhere, for good; None where no one slip parts all frames.
-
-    Nobody vouches that a mount is not pushed; no push turns one by more than MOST_SLIP_ARCSEC. Without panoramas
-    nothing independent tells such an error from one of the sensor.
-    """
-    frames = session.frames.columns
-    if session.subject is not Subject.ONBOARD:
-        return None
-    rows = np.flatnonzero(_shown(session, counted))
-    rows = rows[np.argsort(frames["utc_ns"][rows], kind="stable")]
-    if len(rows) < _FEWEST_SHOWN:
-        return None
-    errors = np.column_stack([frames[axis.column][rows] for axis in OF_SENSOR[:2]])
-    until = np.arange(1, len(rows))
-    sums = np.cumsum(errors - errors.mean(axis=0), axis=0)[:-1]
-    parts_it = int(np.argmax((sums**2).sum(axis=1) / (until * (len(rows) - until))))
-    before, after = errors[: parts_it + 1], errors[parts_it + 1 :]
-    middles = np.median(before, axis=0), np.median(after, axis=0)
-    apart = length(middles[1] - middles[0])
-    off = np.concatenate(
-        [np.linalg.norm(part - middle, axis=1) for part, middle in zip((before, after), middles, strict=True)]
-    )
-    if not _LEAST_TIMES * float(np.median(off)) < apart < MOST_SLIP_ARCSEC or (off > apart / 2).mean() > _MOST_OUTLIERS:
-        return None
-    return int(frames["utc_ns"][rows[parts_it + 1]])
-
-
-def parts_of(session: SessionData, moved_ns: int) -> tuple[SessionData, SessionData]:
-    """The session before and after a mount was moved: in each the frames of the other have no truth."""
-    reason = "the mount looked elsewhere"
-    before = Exclusion(0, moved_ns, reason, Cause.MOUNT)
-    after = Exclusion(moved_ns, LAST_NS, reason, Cause.MOUNT)
-    return (
-        replace(session, excluded=(*session.excluded, after)),
-        replace(session, excluded=(*session.excluded, before)),
-    )
-
-
-def moved_mount(found: tuple[Finding, ...], moved_ns: int, parts: tuple[SharedTurn, ...]) -> Finding:
-    """The finding that says so; the one that is named already, where there is one."""
-    named = next((one for one in found if one.cause == _SLIP), None)
+def pushed_mount(found: tuple[Finding, ...], moved_ns: int, parts: tuple[SharedTurn, ...]) -> Finding:
+    """The finding that says so of a mount; the one that is named already, where there is one."""
+    named = next((one for one in found if one.cause == SLIP), None)
     if named is not None:
         return replace(named, size=f"{named.size} ({parts[0].who})")
     turned = ""
@@ -308,7 +264,7 @@ def moved_mount(found: tuple[Finding, ...], moved_ns: int, parts: tuple[SharedTu
         before, after = (horizon_to_sensor(part.fit.mount) for part in parts)
         turned = f" by {angle_text(math.degrees(size_rad(product(after, before.T))))}"
     return Finding(
-        _SLIP,
+        "slip of the mount",
         f"at {to_text(moved_ns, 0)} it was turned{turned}, and stays there ({parts[0].who})",
         ("a step of the clock", "another sensor from then on"),
         "judge each part by itself: gse session trim SESSION cuts it",
@@ -386,6 +342,7 @@ def place_mistake(
     """
     turning = *OF_PLACE, "pixel origin", "principal point"
     named = next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
+    named = named or next((finding for finding in found if finding.cause in _CHANGES), None)
     gross = gross_cause_of(session, counted) if named and named.is_gross else None
     is_exact = named is not None and (named.cause in CLOCK_SCALES or (gross is not None and gross.is_exact))
     if not shared.is_free and not is_exact:

@@ -364,6 +364,8 @@ class Mistaken(StrEnum):
     CAMERA = "camera"
     PLACE = "place"
     """Site, mount, clock or air: where the stars that were named should stand."""
+    FIELD = "field"
+    """Something stands in it and hides most of its stars."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -545,6 +547,9 @@ PLACE = Excuse(
     (Claim.ACCURACY, Claim.FALSEHOOD),
     "site, mount, clock or air are not vouched for, and the row keeps its limit without the turn that they explain",
 )
+HIDDEN = Excuse(
+    "obstruction", _mistake_of(Mistaken.FIELD), (Claim.ABSENCE,), "something hides most of the field's stars"
+)
 CLOUD = Excuse("cloud", _clouded, (Claim.ABSENCE,), "most frames show a clouded sky")
 AIR = Excuse(
     "air in a low field",
@@ -557,7 +562,7 @@ STOP = Excuse("stop", _stopped, (Claim.ABSENCE,), "the frames were lost while th
 
 TRANSPORT = Excuse("transport", _translated, (Claim.ABSENCE,), "bytes were taken out or translated on their way here")
 
-EXCUSES = (LOST_STATION, CAMERA, PLACE, CLOUD, AIR, STOP, TRANSPORT)
+EXCUSES = (LOST_STATION, CAMERA, PLACE, HIDDEN, CLOUD, AIR, STOP, TRANSPORT)
 
 
 def left_out(session: SessionData) -> tuple[Exclusion, ...]:

@@ -17,6 +17,7 @@ from html import escape
 
 from gse.config.station import Station
 from gse.diagnosis.diagnosis import findings
+from gse.diagnosis.moved_mount import SLIP, moved_mount
 from gse.diagnosis.screen_findings import screen_findings
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
@@ -24,12 +25,11 @@ from gse.diagnosis.set_up_mistake import (
     OF_PLACE,
     alignment_finding,
     camera_mistake,
+    hidden_mistake,
     lost_station,
     mistake_of,
-    moved_at_ns,
-    moved_mount,
-    parts_of,
     place_mistake,
+    pushed_mount,
     shared_turn,
     without_turn,
 )
@@ -199,7 +199,7 @@ def _judge(session: SessionData) -> Assessment:
     found = _causes(session, stats)
     mistake, kept = lost_station(session), frozenset[tuple[Subject, str]]()
     if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
-        mistake = camera_mistake(session, stats.counted, found)
+        mistake = camera_mistake(session, stats.counted, found) or hidden_mistake(session, found)
         if mistake is None:
             mistake, kept, found = _turned(session, stats, budget, rows, found)
     available = {subject: of.available for subject, of in stats.subjects.items()}
@@ -291,7 +291,8 @@ def _turned(
     }
     if failing - kept and (moved := _moved(session, stats, rows, found)) and len(moved[1]) > len(kept):
         slip, kept = moved
-        return slip, kept, (slip, *(one for one in found if not one.is_gross and one.cause not in OF_PLACE))
+        beside = (one for one in found if not one.is_gross and one.cause not in (*OF_PLACE, SLIP))
+        return slip, kept, (slip, *beside)
     if shared is None or not kept:
         return None, kept, found
     if explained := place_mistake(session, stats.counted, found, shared):
@@ -303,12 +304,12 @@ def _turned(
 def _moved(
     session: SessionData, stats: Statistics, rows: tuple[Row, ...], found: tuple[Finding, ...]
 ) -> tuple[Finding, frozenset[tuple[Subject, str]]] | None:
-    """That the mount was moved once, and the failing rows that keep their limit both before and after it."""
-    moved_ns = moved_at_ns(session, stats.counted)
-    if moved_ns is None:
+    """That the mount was moved once, and the failing rows that keep their limit both here and there."""
+    how = moved_mount(session, stats.counted)
+    if how is None or not how.is_proven:
         return None
     turns, kept = [], {(row.subject, row.name) for row in rows}
-    for part in parts_of(session, moved_ns):
+    for part in how.parts_of(session):
         of_part = statistics(part)
         shared = shared_turn(part, of_part, _budget(part, of_part))
         if shared is None:  # too few frames to tell where it looked
@@ -317,7 +318,7 @@ def _moved(
             return None
         turns.append(shared)
         kept &= _kept(rows, without_turn(part, shared.fit))
-    return (moved_mount(found, moved_ns, tuple(turns)), frozenset(kept)) if turns else None
+    return (pushed_mount(found, how.changes_ns[0], tuple(turns)), frozenset(kept)) if turns else None
 
 
 def _kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subject, str]]:

@@ -197,6 +197,16 @@ def test_two_pointings_that_alternate_are_no_mount_that_follows_the_sky(elsewher
     assert "20.00 deg apart" in finding.size
 
 
+def test_directions_that_come_and_go_are_no_other_unit_of_the_tags():
+    """From one panorama to the next the sky turns a thousand times too fast, to and fro."""
+    raw, other = (attitudes(MUNICH, replace(MOUNT, azimuth_deg=azimuth), frames=15) for azimuth in (130.0, 220.0))
+    rotations, away = raw.icrs_to_sensor.copy(), np.arange(15) % 3 == 1
+    rotations[away] = other.icrs_to_sensor[away]
+    quick = raw.utc_ns[0] + np.arange(15) * (13 * NS_PER_S)
+    finding = gross_cause(replace(raw, icrs_to_sensor=rotations, utc_ns=quick), MUNICH, MOUNT, TABLE).finding
+    assert finding.cause != "time tags in another unit"
+
+
 def test_a_mount_that_was_moved_once_is_told_with_the_time():
     finding = switched(5, 6, 7, 8).finding
     assert finding.cause == "slip of the mount"

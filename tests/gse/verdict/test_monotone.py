@@ -109,11 +109,39 @@ def test_a_moved_mount_is_no_excuse_where_it_is_vouched_for():
     assert judge(made).verdict is Verdict.FAIL
 
 
-@pytest.mark.parametrize("rows", [np.arange(0, FRAMES, 4), np.arange(200, 300)], ids=["scattered", "and back"])
-def test_a_sky_that_comes_back_is_no_moved_mount(rows):
-    made = session(FRAMES, step_s=1.0)
-    elsewhere(made, rows, 2.0)
+@pytest.mark.parametrize("turn_deg", [0.4, 2.0])
+def test_a_mount_that_was_kicked_and_put_back_is_a_mistake_of_the_set_up(turn_deg):
+    """For few frames or many; how many they are makes no word milder."""
+    judged = []
+    for count in (0, 2, 6, 12, 30, 140, 299):
+        made = session(FRAMES, step_s=1.0)
+        elsewhere(made, np.arange(200, 200 + count), turn_deg)
+        judged.append(judge(made))
+    never_milder(judged)
+    assert judged[-1].verdict is Verdict.INCONCLUSIVE
+    for one in judged[1:]:
+        assert one.findings[0].cause == "slip of the mount"
+        assert "and then came back" in one.findings[0].size
+
+
+def test_a_kicked_mount_is_no_excuse_where_it_is_vouched_for():
+    made = session(FRAMES, step_s=1.0, station=VOUCHED)
+    elsewhere(made, np.arange(200, 300), 2.0)
     assert judge(made).verdict is Verdict.FAIL
+
+
+def test_what_comes_and_goes_is_no_moved_mount():
+    made = session(FRAMES, step_s=1.0)
+    elsewhere(made, np.arange(0, FRAMES, 4), 2.0)
+    assert judge(made).verdict is Verdict.FAIL
+
+
+def test_few_panoramas_that_look_elsewhere_are_named():
+    made = session(FRAMES, step_s=1.0)
+    elsewhere(made, np.arange(7, FRAMES, 75), 0.3)
+    (finding,) = judge(made).findings
+    assert finding.cause == "panoramas elsewhere"
+    assert finding.size.startswith("8 of 600 panoramas show the sky ")
 
 
 def test_a_moved_mount_excuses_no_stars_that_are_wrong():

@@ -194,3 +194,28 @@ def test_a_proxy_that_delays_each_frame_is_no_step_of_the_clock():
     (finding,) = judge(session(world, replace(world, late_s=0.6), replace(PLAN, seconds=120.0))).findings
     assert finding.cause == "link delay"
     assert finding.size.startswith("frames come 0.600 s later from 2026-03-20T21:30:30Z on")
+
+
+EQUATOR = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=200.0, pressure_hpa=985.0, temperature_c=24.0)
+OPEN = World(EQUATOR, azimuth_deg=40.0, altitude_deg=62.0, roll_deg=20.0, whole_pixels=False)
+"""A field of sixteen expected stars."""
+EVENING = Plan("2026-03-20T15:00:00Z", 20.0, 2.0, seed=6)
+
+
+@pytest.mark.parametrize("wall_px", [360.0, 680.0])
+def test_a_wall_in_the_field_is_named_by_the_side_on_which_it_stands(wall_px):
+    told = judge(session(OPEN, replace(OPEN, wall_px=wall_px), EVENING))
+    assert told.findings[0].cause == "obstruction"
+    assert "left side of the image" in told.findings[0].size
+    assert told.verdict is not Verdict.FAIL
+
+
+def test_a_cloud_that_takes_as_many_stars_is_no_wall():
+    told = judge(session(OPEN, replace(OPEN, clouds=((0.0, 99.0, 1.2),)), EVENING))
+    assert "obstruction" not in {finding.cause for finding in told.findings}
+
+
+def test_a_mount_that_turns_is_named_and_no_vibration_beside_it():
+    turning = replace(WORLD, moves_arcsec_per_h=(3600.0, 0.0, 0.0))
+    told = judge(session(WORLD, turning, replace(PLAN, seconds=200.0)))
+    assert [finding.cause for finding in told.findings] == ["mount moves"]
