@@ -76,6 +76,7 @@ def report_html(
         simple=is_simple(report),
         has_test=session.station.test != DocumentedTest(),
         lacking=_lacking(report["test"]),
+        false_arcsec=session.station.limits.false_beyond_arcsec,
         envelope=_envelope(report["envelope"]),
         **_terms(report["truth_budget"]),
         fingerprint=canonical(fingerprint(report)),

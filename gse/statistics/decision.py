@@ -230,7 +230,7 @@ def _why_undecided(asked: Criterion, figure: Figure, uncertainty: float, truth_u
         number = f" (n_eff {figure.n_eff:.0f})" if math.isfinite(figure.n_eff) else ""
         return f": the session is too short to tell{number}"
     if math.isinf(truth_uncertainty):
-        return ": truth is not known well enough to compare with"
+        return " cannot be judged, because the error of truth is not known"
     value, u, most = (amount(size, asked.unit) for size in (figure.value, uncertainty, asked.limit))
     text = f" is {value} with U {u}, the limit is {most}"
     more_min = minutes_more(figure, asked.limit, truth_uncertainty)

@@ -115,16 +115,16 @@ class TruthUncertaintyBudget:
         terms = [term for term in self.terms if own or term.name not in (OWN_STARS, OWN_FRAME)]
         alone = {term: combined([term], axis).expanded_arcsec for term in terms}
         large = sorted((term for term in alone if alone[term] >= total / 2), key=alone.__getitem__, reverse=True)
-        parts = " and ".join(f"{term.name} leaves {_amount(alone[term])}" for term in large) or "all terms together"
-        whole = f" of {total:.1f} arcsec" if math.isfinite(total) else ""
         remark = f"; {large[0].remedy}" if large and large[0].remedy else ""
-        allowed = f"a third of the limit is {limit_arcsec / share:.3g} arcsec"
-        whose = "the sensor's " if own else ""
-        return f"truth is not good enough for {whose}{axis.label}: {parts}{whole}, and {allowed}{remark}"
-
-
-def _amount(arcsec: float) -> str:
-    return f"{arcsec:.1f}" if math.isfinite(arcsec) else "an unknown error"
+        of = f"the sensor's {axis.label}" if own else axis.label
+        if not math.isfinite(total):
+            unknown = " and ".join(term.name for term in large if not math.isfinite(alone[term]))
+            return f"{of}: it cannot be judged, because the error of the {unknown} is not known{remark}"
+        names = " and ".join(f"{term.name} ({alone[term]:.1f} arcsec)" for term in large) or "all terms together"
+        return (
+            f"{of}: truth is known to {total:.1f} arcsec only, because of {names}; a third of the limit is "
+            f"{limit_arcsec / share:.3g} arcsec{remark}"
+        )
 
 
 def session_facts(session: SessionData, *, clock_error_s: float, clock_by: str = "") -> SessionFacts:

@@ -54,7 +54,7 @@ FEW_RESTARTS = 2
 and again was away."""
 
 
-NOTHING_COMPARED = "no subject has errors against truth, availability and false answers: nothing can pass"
+NOTHING_COMPARED = "nothing can pass: dRA*, dDE, availability and false answers are needed, and no subject has all"
 
 
 def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -> Iterator[str]:

@@ -126,13 +126,11 @@ def test_bytes_without_a_frame_are_named_as_what_they_are(cloudy) -> None:
 
 def test_a_clock_of_unknown_error_is_the_cause_where_nothing_gross_is_and_its_remedy_is_the_first_step(cloudy) -> None:
     unknown = copy.deepcopy(cloudy)
-    unknown["reasons"].append(
-        f"truth is not good enough for dRA*: clock leaves an unknown error, and so on; {CLOCK_REMEDY}"
-    )
+    unknown["reasons"].append(f"dRA*: it cannot be judged, because the error of the clock is not known; {CLOCK_REMEDY}")
     hot = {"cause": "hot pixels", "size": "12", "equals": [], "next_step": "list them", "is_gross": False}
     unknown["diagnosis"] = [hot]
     told = conclusion(unknown)
-    assert told["cause"] == "truth is not good enough for dRA*: clock leaves an unknown error, and so on"
+    assert told["cause"] == "dRA*: it cannot be judged, because the error of the clock is not known"
     assert told["next"].startswith(CLOCK_REMEDY)
     unknown["diagnosis"] = [hot | {"is_gross": True}]
     assert conclusion(unknown)["cause"] == "hot pixels: 12"

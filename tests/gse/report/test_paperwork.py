@@ -141,6 +141,13 @@ def test_without_a_test_block_no_table_is_of_what_is_missing(stated) -> None:
     assert "requirement (method)" in stated[1]
 
 
+def test_the_definition_of_a_false_answer_is_the_number_that_is_judged_by() -> None:
+    _, page = texts_of(session_of("limits: {d_ra_cosde_arcsec: 60, d_de_arcsec: 90}\n"))
+    assert "more than 270 arcsec (limits.false_arcsec) from that of the reference identifier" in page
+    _, page = texts_of(session_of("limits: {false_arcsec: 123}\n"))
+    assert "more than 123 arcsec (limits.false_arcsec)" in page
+
+
 def test_the_headline_names_what_was_judged_and_what_was_not(stated) -> None:
     report, page = stated
     told = "identifier neighbour on the panoramas of LAPAN-like; the sensor's own answers: not tested"

@@ -201,7 +201,7 @@ def test_simple_acceptance_of_a_share_states_the_risk_that_the_true_one_is_beyon
 def test_simple_acceptance_needs_a_truth_to_compare_with():
     decided = row(5.0, 1.0, truth=math.inf, decision=Decision.SIMPLE)
     assert decided.outcome == "INCONCLUSIVE"
-    assert "truth is not known well enough" in decided.reason
+    assert "the error of truth is not known" in decided.reason
 
 
 JUST = 1e-9

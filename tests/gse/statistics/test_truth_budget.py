@@ -220,33 +220,35 @@ def budget_of(*parts, own=0.0):
     [
         (
             [part("clock", 10.0, "set it")],
-            "clock leaves 19.6 of 19.6 arcsec, and a third of the limit is 2 arcsec; set it",
+            "19.6 arcsec only, because of clock (19.6 arcsec); a third of the limit is 2 arcsec; set it",
         ),
-        ([part("clock", 10.0)], "clock leaves 19.6 of 19.6 arcsec, and a third of the limit is 2 arcsec"),
+        ([part("clock", 10.0)], "19.6 arcsec only, because of clock (19.6 arcsec); a third of the limit is 2 arcsec"),
         # 3 and 4 make 5: both are more than half of it, and the greater comes first, with its remedy.
         (
             [part("clock", 3.0, "set it"), part("mount", 4.0, "fit it")],
-            "mount leaves 7.8 and clock leaves 5.9 of 9.8 arcsec, and a third of the limit is 2 arcsec; fit it",
+            "9.8 arcsec only, because of mount (7.8 arcsec) and clock (5.9 arcsec); a third of the limit is 2 arcsec; "
+            "fit it",
         ),
         # 4 of 9.85 is less than half, though more than a third.
         (
             [part("clock", 9.0, "set it"), part("mount", 4.0, "fit it")],
-            "clock leaves 17.6 of 19.3 arcsec, and a third of the limit is 2 arcsec; set it",
+            "19.3 arcsec only, because of clock (17.6 arcsec); a third of the limit is 2 arcsec; set it",
         ),
         # Of five that are equal none is half of the root of their squares, of four each is.
         (
             [part(name, 1.0, "do it") for name in "abcde"],
-            "all terms together of 4.4 arcsec, and a third of the limit is 2 arcsec",
-        ),
-        (
-            [part("clock", math.inf, "set it"), part("mount", 9.0, "fit it")],
-            "clock leaves an unknown error, and a third of the limit is 2 arcsec; set it",
+            "4.4 arcsec only, because of all terms together; a third of the limit is 2 arcsec",
         ),
     ],
 )  # fmt: skip
 def test_a_complaint_names_what_is_half_of_the_whole_or_more_the_greatest_first(parts, whole):
     said = budget_of(*parts).complaint(D_RA_COSDE, 6.0, 3.0)
-    assert said == f"truth is not good enough for dRA*: {whole}"
+    assert said == f"dRA*: truth is known to {whole}"
+
+
+def test_a_term_of_unknown_size_is_the_reason_why_nothing_can_be_judged():
+    said = budget_of(part("clock", math.inf, "set it"), part("mount", 9.0, "fit it")).complaint(D_RA_COSDE, 6.0, 3.0)
+    assert said == "dRA*: it cannot be judged, because the error of the clock is not known; set it"
 
 
 @pytest.mark.parametrize(("axis", "arcsec"), [(D_RA_COSDE, 2.0), (D_DE, 5.0)])
@@ -263,11 +265,12 @@ def test_a_complaint_is_made_beyond_the_share_of_a_limit_of_each_axis(axis, arcs
 def test_the_sensors_choice_of_stars_is_complained_of_with_its_own_answers_alone():
     budget = budget_of(part("clock", 3.0, "set it"), own=4.0)
     assert budget.complaint(D_DE, 6.0, 3.0) == (
-        "truth is not good enough for dDE: clock leaves 5.9 of 5.9 arcsec, and a third of the limit is 2 arcsec; set it"
+        "dDE: truth is known to 5.9 arcsec only, because of clock (5.9 arcsec); a third of the limit is 2 arcsec; "
+        "set it"
     )
     assert budget.complaint(D_DE, 6.0, 3.0, own=True) == (
-        "truth is not good enough for the sensor's dDE: own choice of stars leaves 7.8 and clock leaves 5.9 of 9.8 "
-        "arcsec, and a third of the limit is 2 arcsec; point the sensor higher"
+        "the sensor's dDE: truth is known to 9.8 arcsec only, because of own choice of stars (7.8 arcsec) and clock "
+        "(5.9 arcsec); a third of the limit is 2 arcsec; point the sensor higher"
     )
     assert budget.complaint(D_DE, 18.0, 3.0) is None
     assert budget.complaint(D_DE, 18.0, 3.0, own=True) is not None
