@@ -550,7 +550,7 @@ def folder_for(asked: argparse.Namespace, night: Night, seed: int) -> Iterator[s
         with tempfile.TemporaryDirectory() as folder:
             yield folder
         return
-    folder = Path(asked.keep) / f"{re.sub('[^a-z0-9]+', '-', night.name.lower())}-{seed}"
+    folder = Path(asked.keep) / f"{re.sub('[^a-z0-9]+', ' ', night.name.lower()).strip().replace(' ', '-')}-{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     yield str(folder)
 

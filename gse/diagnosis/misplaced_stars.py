@@ -139,17 +139,19 @@ def _looks(session: SessionData) -> Iterator[tuple[NDArray[np.float64], int, int
     if middle_ns is None or not len(kept):
         return
     catalog = catalog_of(session.station, middle_ns)
+    zenith_sensor = horizon_to_sensor(session.alignment.mount if session.alignment else session.station.mount)[:, 2]
     for row in kept[np.linspace(0, len(kept) - 1, min(_LOOKS, len(kept))).astype(np.int64)].tolist():
         icrs_to_sensor = _attitude(session, row)
         if icrs_to_sensor is None:
             continue
         stars_sensor = product(catalog.icrs, icrs_to_sensor.T)
+        stars_sensor = stars_sensor[product(stars_sensor, zenith_sensor) > math.sin(math.radians(_LOW_DEG))]
         places = camera.pixels(stars_sensor[stars_sensor[:, 2] > math.cos(camera.diagonal_rad)])
         inside = (places > _MARGIN_PX).all(axis=1) & camera.contains(places + _MARGIN_PX)
         places = places[inside][: int(frames["stars_expected"][row])]
         objects = xy_px[(frame >= row) & (frame < row + _JOINED)]
         apart = np.linalg.norm(places[:, None] - objects[None], axis=2)
-        yield _one_sided(places, ~(apart < _WITHIN_PX).any(axis=1))
+        yield _one_sided(places, ~(apart < _WITHIN_PX).any(axis=1), xy_px[frame == row])
 
 
 def _attitude(session: SessionData, row: int) -> NDArray[np.float64] | None:
@@ -165,19 +167,26 @@ def _attitude(session: SessionData, row: int) -> NDArray[np.float64] | None:
 
 
 def _one_sided(
-    places: NDArray[np.float64], missing: NDArray[np.bool_]
+    places: NDArray[np.float64], missing: NDArray[np.bool_], objects: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], int, int, float] | None:
-    """Towards where (2,) stars (N, 2), brightest first, are missing, how many, of how many, and the chance of it."""
+    """Towards where (2,) stars (N, 2), brightest first, are missing, how many, of how many, and the chance of it.
+
+    None where objects (M, 2) show that nothing is hidden there.
+    """
     count, gone = len(missing), int(missing.sum())
     if not 0 < gone < count:
         return None
-    best, towards = count, np.zeros(2)
+    best, towards = count, np.zeros(2)  # the mean of all directions that part them as well
     for angle in np.arange(_DIRECTIONS) * 2 * math.pi / _DIRECTIONS:
         unit = np.array([math.cos(angle), math.sin(angle)])
         beyond = missing[np.argsort(-(places * unit).sum(axis=1), kind="stable")]
         wrong = int((np.cumsum(~beyond) + gone - np.cumsum(beyond)).min())
-        if wrong < best:
-            best, towards = wrong, unit
+        if wrong <= best:
+            best, towards = wrong, unit + (towards if wrong == best else 0.0)
+    towards = towards / max(math.hypot(*towards), 1e-9)
+    line = np.sort((places * towards).sum(axis=1))[-gone]
+    if 2 * ((objects * towards).sum(axis=1) >= line).sum() > gone:  # they are there, and out of place
+        return None
     chance = 2 * count * math.comb(count, best) / math.comb(count, gone)
     seen = np.flatnonzero(~missing)
     if missing[: seen[len(seen) // 2]].sum() >= _BRIGHTER:

@@ -86,12 +86,13 @@ def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -
     known = int((counted.expected & ~unknown).sum())
     if session.station.identifier.algorithm == "external" and 2 * known >= max(int(counted.expected.sum()), 1):
         return False
-    if (frames["status"] == STATUSES.index(Status.IDENTIFIED)).any():
+    answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
+    is_found = _OF_CAMERA.get(finding.cause) in {event.kind for event in session.events}
+    if answered.any() and (2 * answered.sum() > len(answered) or not is_found):
         return finding.cause in STARS_FALL_OUT and stars_fall_out(frames, counted.used)
     if finding.cause == _NOTHING:
         return bool(unknown.all())
-    kinds = {event.kind for event in session.events}
-    return _OF_CAMERA.get(finding.cause) in kinds
+    return is_found
 
 
 def hidden_mistake(session: SessionData, found: tuple[Finding, ...]) -> Finding | None:

@@ -1,4 +1,4 @@
-"""Search for a camera that the station file states wrongly, while nothing is identified.
+"""Search for a camera that the station file states wrongly, while little is identified.
 
 A mirrored image gets that finding alone, unless its focal length is also wrong by more than an identifier tolerates.
 Nothing is said where the stated camera fits, and where a built-in identifier under test does not answer with the camera
@@ -27,10 +27,12 @@ _FIRST_AFTER_S = 5.0
 search that finds nothing takes a second."""
 _LATER = 10
 _FEWEST_OBJECTS = 7
+_ENOUGH_ANSWERS = 5
+"""Under a wrong camera one panorama in a hundred is identified all the same, where its stars lie well."""
 
 
 class CameraWatch:
-    """Looks at panoramas until one is identified, or the true camera is found."""
+    """Looks at panoramas until enough are identified, or the true camera is found."""
 
     def __init__(
         self, camera: Camera, catalog: StarCatalog, subject: IdentifierOptions, screen: Screen | None = None
@@ -39,6 +41,7 @@ class CameraWatch:
         self._first: Panorama | None = None
         self._latest: Panorama | None = None
         self._after_s = _FIRST_AFTER_S
+        self._seen = self._answered = 0
         self._is_over = False
 
     def look(self, results: Sequence[FrameResult]) -> list[tuple[int, Said]]:
@@ -53,8 +56,9 @@ class CameraWatch:
         return found
 
     def _look(self, status: Status, panorama: Panorama) -> Said | None:
-        if status is Status.IDENTIFIED:
-            self._is_over = True
+        self._seen += 1
+        self._answered += status is Status.IDENTIFIED
+        self._is_over = self._answered >= min(_ENOUGH_ANSWERS, self._seen)
         if self._is_over or status is not Status.NO_MATCH or len(panorama.brightness) < _FEWEST_OBJECTS:
             return None
         self._first, self._latest = self._first or panorama, panorama

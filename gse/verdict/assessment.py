@@ -216,7 +216,8 @@ def _judge(session: SessionData) -> Assessment:
     # What decides comes first: screens with one line show the first reason.
     reasons = [row.reason for outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE) for row in rows if row.outcome is outcome]
     # A mistake of the set-up explains the figures that follow it.
-    reasons = [*in_the_way[:1], *reasons, *in_the_way[1:]] if mistake else [*reasons, *in_the_way]
+    explains = mistake and (verdict is not Verdict.FAIL or mistake.cause != "obstruction")
+    reasons = [*in_the_way[:1], *reasons, *in_the_way[1:]] if explains else [*reasons, *in_the_way]
     if verdict is not Verdict.PASS:
         first = [str(finding) for finding in found if finding.is_gross and finding is not mistake]
         others = [str(finding) for finding in found if finding != mistake]

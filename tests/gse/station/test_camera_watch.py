@@ -65,6 +65,13 @@ def test_an_answer_ends_the_watch(catalog, stars_px):
     assert watch.finish() is None
 
 
+def test_an_answer_by_luck_does_not_end_it(catalog, stars_px):
+    watch = CameraWatch(STATED, catalog, NEIGHBOUR)
+    look(watch, seen(stars_px, 0))
+    look(watch, seen(stars_px, 1, Status.IDENTIFIED))
+    assert "3.0 % too long" in look(watch, seen(stars_px, 7))
+
+
 def test_a_search_that_finds_nothing_is_repeated_after_ten_times_as_long(catalog, stars_px):
     watch, noise = CameraWatch(STATED, catalog, NEIGHBOUR), np.random.default_rng(1).uniform(0, 1023, (28, 2))
     assert look(watch, seen(noise, 0)) == look(watch, seen(noise, 6)) == ""
@@ -151,9 +158,9 @@ def test_only_panoramas_without_a_match_are_looked_at(status):
     assert (watch._first, watch.finish()) == (None, None)
 
 
-def test_of_results_that_come_together_all_are_looked_at_until_one_is_identified():
+def test_of_results_that_come_together_all_are_looked_at_until_enough_are_identified():
     watch = CameraWatch(STATED, FEW_STARS, NEIGHBOUR)
-    assert watch.look([few(7, 0), few(7, 1), few(7, 2, Status.IDENTIFIED), few(7, 60)]) == []
+    assert watch.look([few(7, 0), few(7, 1), *[few(7, 2, Status.IDENTIFIED)] * 5, few(7, 60)]) == []
     assert watch._latest.utc_ns == NS_PER_S
     assert watch.finish() is None
     assert watch.look([few(7, 100), few(7, 200)]) == []
