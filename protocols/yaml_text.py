@@ -17,9 +17,13 @@ class _Loader(yaml.SafeLoader):
     YAML 1.1 makes 141 of 2:21, which people write for degrees and minutes, and 8 of 010.
     """
 
+    base_60 = False
+    """Whether numbers are read by YAML 1.1, as in files that were recorded so."""
+
     def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
         tag = super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
-        return "tag:yaml.org,2002:str" if tag in _NUMBERS and ":" in str(value) else tag
+        is_refused = tag in _NUMBERS and ":" in str(value) and not self.base_60
+        return "tag:yaml.org,2002:str" if is_refused else tag
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -39,7 +43,7 @@ class _Loader(yaml.SafeLoader):
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number. Of more than 4,300 digits Python refuses to write it down, even in a message."""
         digits = str(node.value).replace("_", "").lstrip("+-")
-        if digits.startswith("0") and digits.isdecimal():
+        if digits.startswith("0") and digits.isdecimal() and not self.base_60:
             node.value = node.value.replace(digits, digits.lstrip("0") or "0")
         value = super().construct_yaml_int(node)
         if abs(value) >= _LARGEST:
@@ -50,13 +54,14 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 
 
-def load_document(text: str) -> tuple[yaml.Node | None, Any]:
+def load_document(text: str, *, base_60: bool = False) -> tuple[yaml.Node | None, Any]:
     """The one document of a text, as node and as value, (None, None) where it is empty.
 
-    yaml.YAMLError where it is none, or a value is absurd.
+    With ``base_60`` 2:21 is 141 and 010 is 8, as in YAML 1.1. yaml.YAMLError where it is none, or a value is absurd.
     """
     try:
         loader = _Loader(text)
+        loader.base_60 = base_60
     except ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         problem = f"the character U+{ord(text[error.position]):04X} in line {line} is not allowed in YAML"

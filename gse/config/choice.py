@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from gse.config.edit import with_values
-from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
+from gse.config.station import BUILT_IN_TEXT, Station, parse_recorded, parse_station, read_station
 from gse.errors import UsageError
 from gse.values.identifier_options import PLUG_KEYS, Algorithm
 
@@ -50,8 +50,9 @@ def with_address(station: Station, text: str, address: int | None) -> StationTex
         return station, text
     # A raw capture has no port; an address alone must not make it that of the simulated sensor.
     is_named = "port" in station.model_fields_set and text != BUILT_IN_TEXT
-    text = with_values(text, "port", {"address": address, **({} if is_named else {"url": "replay://"})})
-    return station.model_copy(update={"port": parse_station(text).port}), text
+    values = {"address": address, **({} if is_named else {"url": "replay://"})}
+    text = with_values(text, "port", values, recorded=True)
+    return station.model_copy(update={"port": parse_recorded(text).port}), text
 
 
 def with_identifier(station: Station, text: str, name: str | None) -> StationText:
@@ -67,8 +68,8 @@ def with_identifier(station: Station, text: str, name: str | None) -> StationTex
     # The time for a panorama is the station's, whatever program is named.
     own = {"timeout_ms": station.identifier.timeout_ms}
     values = {"algorithm": name} if name in ALGORITHMS else plug_values(name) | own
-    text = with_values(text, "identifier", values, drop=PLUG_KEYS)
-    return station.model_copy(update={"identifier": parse_station(text).identifier}), text
+    text = with_values(text, "identifier", values, drop=PLUG_KEYS, recorded=True)
+    return station.model_copy(update={"identifier": parse_recorded(text).identifier}), text
 
 
 def plug_values(text: str) -> dict[str, object]:

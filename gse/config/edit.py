@@ -4,23 +4,26 @@ from collections.abc import Mapping
 
 import yaml
 
-from gse.config.station import parse_station
+from gse.config.station import parse_recorded, parse_station
 from protocols.yaml_text import load_document
 
 
-def with_values(text: str, section: str, values: Mapping[str, object], *, drop: tuple[str, ...] = ()) -> str:
+def with_values(
+    text: str, section: str, values: Mapping[str, object], *, drop: tuple[str, ...] = (), recorded: bool = False
+) -> str:
     """The text with other values in one section; keys not in ``values`` stay but for those to ``drop``.
 
     The section is written anew, without comments inside it; all else stays as it was. The result is checked:
-    ConfigError where it is not a station file.
+    ConfigError where it is not a station file. A ``recorded`` text may be of an earlier version.
     """
-    _, document = load_document(text)
+    parse = parse_recorded if recorded else parse_station
+    _, document = load_document(text, base_60=bool(recorded and parse(text).refusal))
     kept = {key: value for key, value in (document.get(section) or {}).items() if key not in drop}
     block = _block(section, {**kept, **values})
     lines = text.splitlines()
     begin, end = _extent(text, section, len(lines))
     changed = "\n".join([*lines[:begin], *block, *lines[end:]]) + "\n"
-    parse_station(changed, "the changed station file")
+    parse(changed, "the changed station file")
     return changed
 
 

@@ -15,7 +15,9 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    PrivateAttr,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
     with_config,
@@ -141,6 +143,8 @@ for _values in (
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 
+_AS_RECORDED = {"as": "recorded"}
+"""Context of the validation of a recorded file that the rules of today refuse."""
 _Distortion = Annotated[float, Field(ge=-1, le=1)]
 
 
@@ -188,8 +192,8 @@ class Sensor(_Section):
         return self
 
     @model_validator(mode="after")
-    def _one_to_one(self) -> "Sensor":
-        if place := self.camera().fold():
+    def _one_to_one(self, info: ValidationInfo) -> "Sensor":
+        if info.context != _AS_RECORDED and (place := self.camera().fold()):
             x, y, scale = place
             raise ValueError(
                 f"the distortion folds the picture at pixel ({x:.0f}, {y:.0f}): the scale there is {scale:.2f} of "
@@ -324,6 +328,12 @@ class Station(_Section):
     test: DocumentedTest = DocumentedTest()
     alarms: Alarms = Alarms()
     power: Power | None = None
+    _refusal: str = PrivateAttr(default="")
+
+    @property
+    def refusal(self) -> str:
+        """Why the rules of today refuse this recorded file; empty where they do not."""
+        return self._refusal
 
     @field_validator("protocol")
     @classmethod
@@ -427,10 +437,31 @@ def read_station(path: Path) -> tuple[Station, str]:
 
 def parse_station(text: str, source: str = "built-in station") -> Station:
     """The station of a YAML text; ConfigError names source, line and key."""
+    return _parse(text, source)
+
+
+def parse_recorded(text: str, source: str = "the session's station.yaml") -> Station:
+    """The station of a recorded text; what the rules of today refuse is read by those of its time.
+
+    Earlier versions read 2:21 to base 60 (141) and 010 to base 8, took the last of two sections with one name, and took
+    a distortion that folds the picture. ConfigError where the text was no station file then, either.
+    """
+    try:
+        return _parse(text, source)
+    except ConfigError as refused:
+        try:
+            station = _parse(text, source, recorded=True)
+        except ConfigError:
+            raise refused from None
+        station._refusal = str(refused)
+        return station
+
+
+def _parse(text: str, source: str, *, recorded: bool = False) -> Station:
     if len(text) > MAX_FILE_BYTES:
         raise ConfigError(f"{source} is larger than {MAX_FILE_BYTES} characters: this is not a station file")
     try:
-        node, document = load_document(text)
+        node, document = load_document(text, base_60=recorded)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
@@ -441,10 +472,11 @@ def parse_station(text: str, source: str = "built-in station") -> Station:
         raise ConfigError(f"{source}{line}: {problem}") from error
     if not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(_SOURCE_KEYS)}")
-    _refuse_repeated_keys(node, source)
+    if not recorded:
+        _refuse_repeated_keys(node, source)
     _read_angles(document, node, source, ())
     try:
-        return Station.model_validate(document)
+        return Station.model_validate(document, context=_AS_RECORDED if recorded else None)
     except ValidationError as error:
         lines = [_explain(item, node, source) for item in error.errors()]
         raise ConfigError(plain_lines("\n".join(lines[:5]))) from error

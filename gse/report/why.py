@@ -14,6 +14,7 @@ import yaml
 from drivers.chunk import LinkEvent
 from drivers.whole_file import new_file
 from gse.config.edit import with_values
+from gse.config.station import parse_recorded
 from gse.report.conclusion import conclusion_lines, next_steps
 from gse.report.terminal import further_lines
 from gse.station.events import StationKind
@@ -167,11 +168,10 @@ _READ_ME = {
 
 def blurred_station(text: str) -> str:
     """A station file with the coordinates rounded to BLUR_DEG, and without names of place and people."""
-    document = load_document(text)[1]
-    site = document.get("site") or {}
-    rounded = {name: _round(site[name]) for name in ("latitude_deg", "longitude_deg") if name in site}
-    kept = with_values(text, "site", {**rounded, "name": "blurred"}, drop=("uncertainty",))
-    document = load_document(kept)[1]
+    station = parse_recorded(text)
+    rounded = {name: _round(getattr(station.site, name)) for name in ("latitude_deg", "longitude_deg")}
+    kept = with_values(text, "site", {**rounded, "name": "blurred"}, drop=("uncertainty",), recorded=True)
+    document = load_document(kept, base_60=bool(station.refusal))[1]
     document.pop("test", None)
     return str(yaml.safe_dump(document, sort_keys=False))
 

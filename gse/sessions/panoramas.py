@@ -9,7 +9,7 @@ from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock.playback import is_session
 from gse.config.choice import StationText
-from gse.config.station import BUILT_IN_TEXT, Station, parse_station
+from gse.config.station import BUILT_IN_TEXT, Station, parse_recorded, parse_station
 from gse.errors import UsageError
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
 from gse.sessions.imported import stated_start_ns
@@ -76,7 +76,7 @@ def open_recording(
     recorded = read_recorded(path)
     attachments = recorded.attachments
     own_text = attachments.get(STATION, BUILT_IN_TEXT)
-    frozen = sealed(parse_station(own_text, "the session's station.yaml"))
+    frozen = sealed(parse_recorded(own_text))
     station, text = change((frozen, own_text))
     if STATION not in attachments and text == BUILT_IN_TEXT:
         raise UsageError(

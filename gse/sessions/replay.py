@@ -13,7 +13,7 @@ from drivers.link import SerialLink
 from drivers.mock.playback import is_session
 from drivers.mock.urls import replay_url
 from gse.config.choice import StationText
-from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_station
+from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_recorded
 from gse.errors import TruthError, UsageError
 from gse.external.recorded import RecordedAnswers, read_identity
 from gse.recording.session_format import (
@@ -175,7 +175,7 @@ def station_in_force(attachments: Mapping[str, str], change: Callable[[StationTe
     """The session's own station, or the built-in one, after ``change``; UsageError where only the session names a file
     that is needed."""
     text = attachments.get(STATION, BUILT_IN_TEXT)
-    frozen = sealed(parse_station(text, "the session's station.yaml"))
+    frozen = sealed(parse_recorded(text))
     station, text = change((frozen, text))
     protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
     keeps_identifier = station.identifier.facts() == frozen.identifier.facts()
@@ -219,6 +219,9 @@ def _loop(
     loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
     if recorded and STATION not in attachments and force.text == BUILT_IN_TEXT:
         loop.on_event(LinkEvent(utc_ns or 0, 0, StationKind.NO_STATION, _NO_STATION))
+    if force.station.refusal:
+        note = f"read as it was when it was recorded; a new station file is refused: {force.station.refusal}"
+        loop.on_event(LinkEvent(utc_ns or 0, 0, StationKind.OLD_STATION, note))
     for shown in recorded.shown if recorded else ():
         loop.session.shown.add(shown)
     loop.session.power += recorded.power if recorded else []
