@@ -64,12 +64,13 @@ def first_fit_many(
     limits: SearchOptions,
 ) -> Found:
     """``first_fit`` for K panoramas: rows ``first[k]`` to before ``first[k + 1]``, each object taken once."""
-    found = _room_for_answers(len(first) - 1, len(directions))
+    found, hopeless = _room_for_answers(len(first) - 1, len(directions)), False
     for k in range(len(first) - 1):
         panorama = directions[first[k] : first[k + 1]]
         distinct = distinct_objects(panorama)
         rows = panorama[distinct]
-        objects, stars, alphas = first_fit(rows, icrs, table, blocks, limits)
+        objects, stars, alphas = first_fit(rows, icrs, table, blocks, limits, hopeless)
+        hopeless = len(objects) == 0
         _put(found, k, distinct[objects], stars, alphas)
         found.rms_rad[k] = _rms_rad(rows[objects], icrs[stars])
     return found
@@ -85,12 +86,13 @@ def best_vote_many(
     limits: SearchOptions,
 ) -> Found:
     """As ``first_fit_many``, by ``best_vote``."""
-    found = _room_for_answers(len(first) - 1, len(directions))
+    found, hopeless = _room_for_answers(len(first) - 1, len(directions)), False
     for k in range(len(first) - 1):
         panorama = directions[first[k] : first[k + 1]]
         distinct = distinct_objects(panorama)
         rows = panorama[distinct]
-        objects, stars, alphas = best_vote(rows, icrs, table, blocks, limits)
+        objects, stars, alphas = best_vote(rows, icrs, table, blocks, limits, hopeless)
+        hopeless = len(objects) == 0
         _put(found, k, distinct[objects], stars, alphas)
         found.rms_rad[k] = _rms_rad(rows[objects], icrs[stars])
     return found
@@ -144,7 +146,8 @@ class NeighbourIdentifier:
         is_central = options.alpha == "central"
         central_cosine = math.cos(math.atan2(radius_px, camera.focal_length_px)) if is_central else EVERYWHERE
         alphas = 1 + options.alpha_retries
-        self._limits = SearchOptions(1e6 * self._tolerance_rad, fn, fn2, alphas, all_stars, central_cosine)
+        all_pairs = catalog.neighbours is None
+        self._limits = SearchOptions(1e6 * self._tolerance_rad, fn, fn2, alphas, all_stars, central_cosine, all_pairs)
         self._search = best_vote_many if options.selection == "best-vote" else first_fit_many
         self._check = options.check == "wahba"
 

@@ -6,6 +6,7 @@ chance, so stars that follow each other are looked at together: their neighbours
 which only those are read that fit.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -293,6 +294,8 @@ class SearchOptions(NamedTuple):
     alphas: int
     all_stars: bool
     central_cosine: float
+    all_pairs: bool
+    """Whether the table has each pair, for both of its stars: then a group is one for each of its members."""
 
 
 class View(NamedTuple):
@@ -323,17 +326,21 @@ def first_fit(
     table: PairTable,
     blocks: Blocks,
     limits: SearchOptions,
+    hopeless: bool,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Objects and their stars (M,), the alpha star first, and how many alpha stars were tried; M is 0 for no answer.
 
     With ``all_stars`` the search goes on to the end of the catalogue: the star with the greatest Fn2 is the answer, and
-    where two have it there is none; the number of alpha stars is then negative.
+    where two have it there is none; the number of alpha stars is then negative. ``hopeless`` says only when to try to
+    prove that there is no answer: at once, or after the first alpha star.
     """
     view = view_of(directions, icrs, table, limits)
     tried = min(limits.alphas, len(directions))
     order = _alpha_order(directions, limits.central_cosine)
     open_ = np.ones(len(directions), np.bool_)
     work = 0
+    if hopeless and _none_has_a_group(directions, view, limits):
+        return np.empty(0, np.int64), np.empty(0, np.int64), tried
     # Figure 2-7: the first alpha star that has an answer gives it. One that has none may be a hot pixel, so the next is
     # tried; proven to be in no group, it is not looked at again as a neighbour of the others.
     for rank in range(tried):
@@ -347,7 +354,158 @@ def first_fit(
         if len(objects) > 0:
             return objects, stars, rank + 1
         open_[alpha] = not proven
+        if rank == 0 and not hopeless and _none_has_a_group(directions, view, limits):
+            break
     return np.empty(0, np.int64), np.empty(0, np.int64), tried
+
+
+_NO_ENTRY = -1
+_MOST_ENTRIES = 100_000
+"""Neighbours that fit objects of a sector, for one alpha star: 10,000 of the 13,000 stars for a field of 8 deg do."""
+_MOST_PROOF_WORK = 2_000_000
+"""Comparisons of stars after which the proof gives up: it takes a tenth of them for random objects."""
+
+
+@compiled_part
+def _none_has_a_group(directions: NDArray[np.float64], view: View, limits: SearchOptions) -> bool:
+    """Whether it is proven that no object is the alpha star of a group: then a panorama is at its end, unsearched.
+
+    A group has Fn2 + 1 members. The objects are dealt to half of Fn2 sectors about the boresight, so three members of
+    any group are in one sector. So a star is looked at only if two of its neighbours fit objects of the alpha star's
+    sector, and each other. That takes a fifth of the distances and leaves few stars, which levels 1 and 2 with all
+    objects exclude. Where they do not, the search decides.
+    """
+    sectors, count = limits.min_fit_2 // 2, len(directions)
+    if sectors < 2 or count < 2 or not limits.all_pairs:
+        return False
+    size = -(-count // sectors)
+    order = _in_sectors(directions, size)
+    everything, work = np.ones(count, np.bool_), 0
+    latest = np.empty(len(view.icrs), np.int32)
+    entries = np.empty((2, _MOST_ENTRIES), np.int32)
+    for place in range(count):
+        alpha = order[place]
+        whole = seen_from(alpha, view.angles, limits.tolerance_urad, everything)
+        if whole.distances[-1] + limits.tolerance_urad >= _longest_urad(view.table):
+            return False
+        others = order[place + 1 : min((place // size + 1) * size, count)]
+        more = _excluded(alpha, others, whole, latest, entries, view, limits)
+        work += more
+        if more < 0 or work > _MOST_PROOF_WORK:
+            return False
+    return True
+
+
+@compiled_part
+def _excluded(
+    alpha: int,
+    others: NDArray[np.int64],
+    whole: Alpha,
+    latest: NDArray[np.int32],
+    entries: NDArray[np.int32],
+    view: View,
+    limits: SearchOptions,
+) -> int:
+    """The work of proving that an alpha star is in no group with two of the others; negative where it is not proven.
+
+    Entry e is the neighbour ``entries[0, e]`` of a star, with the place of the object that it fits; ``entries[1, e]``
+    is the entry of the same star before it, and ``latest`` (stars,) the last.
+    """
+    # Arrays have names of their own here, since each access through a tuple counts references.
+    gates, icrs, fitted_before, entry_before = view.gates, view.icrs, entries[0], entries[1]
+    urad, brighter, dimmer = view.table.distance_urad, view.table.brighter, view.table.dimmer
+    latest[:] = _NO_ENTRY
+    number = work = 0
+    for place in range(len(others)):
+        other = others[place]
+        distance = angle_urad(view.angles.cosine[alpha, other], view.angles.sine[alpha, other])
+        begin = _first_above(urad, distance - limits.tolerance_urad)
+        end = begin
+        while end < len(urad) and urad[end] < distance + limits.tolerance_urad:
+            end += 1
+        if number + 2 * (end - begin) > len(fitted_before):
+            return -1
+        pairs = np.empty(end - begin + 1, np.int64)
+        for side in range(2):
+            star_at, neighbour_at = (dimmer, brighter) if side else (brighter, dimmer)
+            # Those whose star has an entry already, first: a branch on each would often be predicted wrong.
+            again = 0
+            for pair in range(np.uint64(begin), np.uint64(end)):
+                pairs[again] = pair
+                again += latest[np.uint64(star_at[pair])] != _NO_ENTRY
+            for pair in pairs[:again]:
+                star, neighbour = np.uint64(star_at[pair]), np.uint64(neighbour_at[pair])
+                before, agrees = latest[star], False
+                while before != _NO_ENTRY:
+                    fitted = fitted_before[np.uint64(before)]
+                    a, row = star_of(fitted), others[object_of(fitted)]
+                    dot = (
+                        icrs[neighbour, 0] * icrs[a, 0]
+                        + icrs[neighbour, 1] * icrs[a, 1]
+                        + icrs[neighbour, 2] * icrs[a, 2]
+                    )
+                    agrees |= (gates[0, row, other] <= dot) & (dot <= gates[3, row, other])
+                    before = entry_before[np.uint64(before)]
+                    work += 1
+                if agrees:
+                    more = _excluded_star(int(star), whole, view, limits)
+                    if more < 0:
+                        return -1
+                    work += more
+            for pair in range(np.uint64(begin), np.uint64(end)):
+                star = np.uint64(star_at[pair])
+                fitted_before[number], entry_before[number] = candidate_of(place, neighbour_at[pair]), latest[star]
+                latest[star] = number
+                number += 1
+    return work
+
+
+@compiled_part
+def _excluded_star(star: int, whole: Alpha, view: View, limits: SearchOptions) -> int:
+    """The work of proving that a star has no group as alpha star; negative where it is not proven."""
+    put_fits_of_star(star, whole, view.table, view.fits_of_star)
+    fewest, count = limits.min_fit_2, view.fits_of_star.number[0]
+    if count > MOST_CANDIDATES:
+        return -1
+    candidates = _candidates(0, view.fits_of_star)
+    if not pigeonhole_bound(view.fits_of_star.candidate, np.uint64(0), count, view.icrs, view.gates, fewest):
+        agrees = agreements(candidates, view.icrs, view.angles, view.gates, limits.tolerance_urad)
+        if not no_group(agrees, fewest):
+            return -1
+    work: int = view.table.first[star + 1] - view.table.first[star] + count * count
+    return work
+
+
+@compiled_part
+def _in_sectors(directions: NDArray[np.float64], size: int) -> NDArray[np.int64]:
+    """The objects (N,), each ``size`` of one sector about the boresight together, those in its middle first.
+
+    Near objects have few pairs of stars as far apart, and those in the middle are near to all others.
+    """
+    order, keys = np.arange(len(directions)), np.empty(len(directions))
+    for i in range(len(directions)):
+        keys[i] = math.atan2(directions[i, 1], directions[i, 0])
+    _sort_by(keys, order, 0, len(order))
+    for begin in range(0, len(order), size):
+        end = min(begin + size, len(order))
+        x = y = 0.0
+        for i in order[begin:end]:
+            x, y = x + directions[i, 0] / (end - begin), y + directions[i, 1] / (end - begin)
+        for i in order[begin:end]:
+            keys[i] = (directions[i, 0] - x) ** 2 + (directions[i, 1] - y) ** 2
+        _sort_by(keys, order, begin, end)
+    return order
+
+
+@compiled_part
+def _sort_by(keys: NDArray[np.float64], order: NDArray[np.int64], begin: int, end: int) -> None:
+    """Sort a part of an order by the keys of what stands in it; numba's own sort takes seconds to compile."""
+    for i in range(begin + 1, end):
+        one, place = order[i], i
+        while place > begin and keys[order[place - 1]] > keys[one]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = one
 
 
 @compiled_part
@@ -368,7 +526,7 @@ def _of_alpha(
     fewest, tie, work, view.fits.crowded[0] = limits.min_fit_2, False, 0, False
     # A group of other members needs no more of level 1, and has all its distances in the table.
     longest_urad = whole.distances[-1] + limits.tolerance_urad if len(whole.distances) else 0.0
-    proven = limits.min_fit <= limits.min_fit_2 and longest_urad < _longest_urad(table)
+    proven = limits.all_pairs and limits.min_fit <= limits.min_fit_2 and longest_urad < _longest_urad(table)
     # Stars of the catalogue one after the other: level 1 for a block of them at once, then level 2 for those few whose
     # neighbours are enough. The first with a group is the answer, or with ``all_stars`` the one with the largest.
     star = -1 if len(seen.others) >= fewest else count
@@ -474,6 +632,7 @@ def best_vote(
     table: PairTable,
     blocks: Blocks,
     limits: SearchOptions,
+    hopeless: bool,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """As ``first_fit``, but first among the stars with most votes, and of these the one with the greatest Fn2."""
     view = view_of(directions, icrs, table, limits)
@@ -494,7 +653,7 @@ def best_vote(
                 objects, stars = _named(alpha, star, candidates, group)
         if len(objects) > 0:
             return objects, stars, rank + 1
-    return first_fit(directions, icrs, table, blocks, limits)
+    return first_fit(directions, icrs, table, blocks, limits, hopeless)
 
 
 @compiled_part

@@ -54,7 +54,10 @@ def plain_table(stars):
 
 def compared(search, directions, stars, table, plain_table, limits):
     """What the compiled and the plain search answer, as {object: star}."""
-    objects, named, _ = search(directions, stars.icrs, table, blocks_of(table), limits)
+    found = [search(directions, stars.icrs, table, blocks_of(table), limits, hopeless) for hopeless in (False, True)]
+    (objects, named, alphas), others = found
+    assert alphas == others[2]
+    assert (np.concatenate([objects, named]) == np.concatenate(others[:2])).all()
     plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     slow = plain.first_fit if search is first_fit else plain.best_vote
     return dict(zip(objects.tolist(), named.tolist(), strict=True)), slow(directions.tolist())
@@ -70,7 +73,7 @@ def test_the_table_of_pairs_is_the_onboard_table(table, plain_table):
 @pytest.mark.parametrize("min_fit", [3, 6])
 def test_same_answers_over_the_sky(source, stars, table, plain_table, search, min_fit):
     sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(11)
-    limits, named = SearchOptions(TOLERANCE_URAD, min_fit, min_fit, 3, False, EVERYWHERE), 0
+    limits, named = SearchOptions(TOLERANCE_URAD, min_fit, min_fit, 3, False, EVERYWHERE, True), 0
     for boresight in spiral_directions(8):
         frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
         directions = CAMERA.directions(frame.xy_px)
@@ -83,7 +86,7 @@ def test_same_answers_over_the_sky(source, stars, table, plain_table, search, mi
 @pytest.mark.parametrize("min_fit", [3, 6])
 def test_alpha_stars_that_are_no_stars_change_nothing_for_those_after_them(source, stars, table, plain_table, min_fit):
     sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(12)
-    limits, named = SearchOptions(TOLERANCE_URAD, min_fit, min_fit, 30, False, EVERYWHERE), 0
+    limits, named = SearchOptions(TOLERANCE_URAD, min_fit, min_fit, 30, False, EVERYWHERE, True), 0
     for boresight in spiral_directions(8)[:4]:
         frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
         pixels = np.concatenate([rng.uniform(0, (1024, 768), (7, 2)), frame.xy_px])
@@ -93,10 +96,33 @@ def test_alpha_stars_that_are_no_stars_change_nothing_for_those_after_them(sourc
     assert named >= 2
 
 
+@pytest.mark.parametrize("min_fit", [4, 6])
+@pytest.mark.parametrize("missing", [0, 1])
+def test_the_smallest_group_among_objects_that_are_no_stars_is_found(stars, table, min_fit, missing):
+    rng, named = np.random.default_rng(21), 0
+    limits, frames = SearchOptions(TOLERANCE_URAD / 20, min_fit, min_fit, 30, False, EVERYWHERE, True), 60
+    for boresight in spiral_directions(frames):
+        to_sensor = np.linalg.svd(boresight[None])[2][[1, 2, 0]]
+        to_sensor *= np.array([1, 1, np.sign(to_sensor[2] @ boresight)])[:, None]
+        to_sensor[0] *= np.linalg.det(to_sensor)
+        pixels = CAMERA.pixels(stars.icrs @ to_sensor.T)
+        seen = np.flatnonzero(CAMERA.contains(pixels))
+        seen = rng.choice(seen, min(len(seen), min_fit + 1 - missing), replace=False)
+        pixels = np.concatenate([pixels[seen], rng.uniform(0, (1024, 768), (30 - len(seen), 2))])
+        order = rng.permutation(30)
+        arguments = CAMERA.directions(pixels[order]), stars.icrs, table, blocks_of(table), limits
+        for hopeless in (False, True):
+            objects, found, _ = first_fit(*arguments, hopeless)
+            if len(seen) == min_fit + 1:
+                assert sorted(found.tolist()) == sorted(seen.tolist())
+            named += len(objects) > 0
+    assert named == 0 if missing else named > frames
+
+
 def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
-    limits = SearchOptions(3 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
+    limits = SearchOptions(3 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE, True)
     plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     assert max(each_star_as_plain(directions, stars, table, limits, plain)) >= 6
 
@@ -108,7 +134,7 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
     plain_table = onboard_table(polar.icrs.tolist(), field_diameter_rad(CAMERA))
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
-    limits = SearchOptions(60 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
+    limits = SearchOptions(60 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE, True)
     plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     assert max(each_star_as_plain(directions, polar, table, limits, plain)) > MOST_CANDIDATES
 
@@ -142,7 +168,7 @@ def candidates_of(member, fits):
 )
 def test_same_answers_on_any_objects(stars, table, plain_table, search, pixels, min_fit):
     directions = CAMERA.directions(np.array(pixels, dtype=float))
-    limits = SearchOptions(2 * TOLERANCE_URAD, min_fit, min_fit, 2, False, EVERYWHERE)
+    limits = SearchOptions(2 * TOLERANCE_URAD, min_fit, min_fit, 2, False, EVERYWHERE, True)
     fast, slow = compared(search, directions, stars, table, plain_table, limits)
     assert fast == slow
 
