@@ -3,6 +3,7 @@
 import errno
 import getpass
 import os
+import re
 import socket
 import struct
 from collections.abc import Iterable
@@ -96,6 +97,45 @@ def line_errors(port: serial.Serial) -> dict[str, int] | None:
     except Exception:  # a port without a file, a driver without counters, another system
         return None
     return {name: counts[at] for name, at in _COUNTERS.items()}
+
+
+def line_in_use(device: str) -> str | None:
+    """Rate and settings of the line of a device that is open, such as ``115200 8N1``; None where they cannot be read.
+
+    To open a device that nobody has open may reset what is on the other end: ask only where there are ``holders``.
+    """
+    try:
+        import termios
+
+        opened = os.open(device, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            iflag, _, cflag, _, speed, *_ = termios.tcgetattr(opened)
+        finally:
+            os.close(opened)
+        return line_of_flags(iflag, cflag, speed)
+    except Exception:  # another system, no right to read it, not a terminal
+        return None
+
+
+_CMSPAR = 0o10000000000
+"""asm-generic/termbits.h: the parity bit is always 1 (with PARODD) or 0."""
+
+
+def line_of_flags(iflag: int, cflag: int, speed: int) -> str:
+    """Rate and settings of a line by the flags of its termios."""
+    import termios
+
+    rates = {getattr(termios, name): name[1:] for name in dir(termios) if re.fullmatch(r"B[1-9]\d*", name)}
+    odd = bool(cflag & termios.PARODD)
+    parity = ("space", "mark")[odd] if cflag & _CMSPAR else ("even", "odd")[odd]
+    line = LineSettings(
+        parity if cflag & termios.PARENB else "none",
+        {termios.CS5: 5, termios.CS6: 6, termios.CS7: 7}.get(cflag & termios.CSIZE, 8),
+        2 if cflag & termios.CSTOPB else 1,
+        bool(cflag & termios.CRTSCTS),
+        bool(iflag & (termios.IXON | termios.IXOFF)),
+    )
+    return f"{rates.get(speed, 'another rate')} {line}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from drivers.ports import PortInfo, holders, is_accessible, ports_here
+from drivers.ports import PortInfo, holders, is_accessible, line_in_use, ports_here
 
 
 @click.command("ports")
@@ -30,7 +30,9 @@ def command(as_json: bool) -> None:
 
 
 def _facts(port: PortInfo) -> dict[str, Any]:
-    state = {"holders": holders(port.device), "accessible": is_accessible(port.device)}
+    held_by = holders(port.device)
+    line = line_in_use(port.device) if held_by else None
+    state = {"holders": held_by, "line": line, "accessible": is_accessible(port.device)}
     return asdict(port) | {"url_that_stays": port.url_that_stays} | state
 
 
@@ -38,7 +40,8 @@ def _text(facts: dict[str, Any]) -> str:
     parts = [facts["description"] or "no description"]
     if facts["vid"] is not None:
         parts.append(f"USB {facts['vid']:04x}:{facts['pid']:04x} serial number {facts['serial_number'] or 'none'}")
-    parts.append(f"held by {', '.join(facts['holders'])}" if facts["holders"] else "free")
+    at = f" at {facts['line']}" if facts["line"] else ""
+    parts.append(f"held by {', '.join(facts['holders'])}{at}" if facts["holders"] else "free")
     if not facts["accessible"]:
         parts.append(
             "no permission: add your user to the group of the device (sudo usermod -aG GROUP USER), then log in again"

@@ -9,7 +9,7 @@ from gse.values.instant import NS_PER_S
 from gse.values.sensor_time import epoch_ns, tag_us_of, utc_ns_of
 from protocols.description import TimeDescription
 
-_LEAST_OFF_S = 0.75
+LEAST_OFF_S = 0.75
 """A bridge of TCP or Bluetooth delays bytes by up to 0.7 s."""
 _WITNESSES = 20
 """Frames whose least difference is judged."""
@@ -31,7 +31,7 @@ class ClockWitness:
         if self._frames != _WITNESSES:
             return []
         off_s = self._least_ns / NS_PER_S
-        if abs(off_s) < _LEAST_OFF_S:
+        if abs(off_s) < LEAST_OFF_S:
             return []
         looks = looks_like(off_s, self._time, utc_ns)
         text = f"the sensor's clock ({self._time.scale}) is {-off_s:+.3f} s from the host's: {looks}"
@@ -50,7 +50,7 @@ def looks_like(off_s: float, time: TimeDescription, utc_ns: int) -> str:
     for scale, epoch in itertools.product(("utc", "gps", "tai"), _EPOCHS):
         other = TimeDescription(scale=scale, epoch=epoch or _epoch(time))
         tagged_ns = utc_ns_of(tag_us_of(utc_ns, other), time)
-        if tagged_ns != utc_ns and abs(off_s - (utc_ns - tagged_ns) / NS_PER_S) < _LEAST_OFF_S:
+        if tagged_ns != utc_ns and abs(off_s - (utc_ns - tagged_ns) / NS_PER_S) < LEAST_OFF_S:
             words = [f"scale: {scale}"] * (scale != time.scale) + [f"epoch: {epoch}"] * (epoch is not None)
             return f"its tags look like another scale or epoch; try `{', '.join(words)}`"
     if abs(abs(off_s) - 1) < 0.3:

@@ -28,7 +28,7 @@ from gse.values.site import Site
 from gse.view.error_trace import ErrorTraces
 from gse.view.glance_word import LATE_S, Facts, Phase, word_of
 from gse.view.live_state import ErrorsSoFar, LiveState
-from gse.view.verdict_text import clock_health
+from gse.view.verdict_text import clock_health, host_minus_sensor
 from protocols import COLOURS
 
 # Dawn: when the sky of a site becomes too bright for stars.
@@ -338,7 +338,7 @@ class Glance:
             "site": self._station.site.name,
             "port": self._station.port.url,
             "link": so_far.link_word,
-            "clock": clock_health(so_far.clock, so_far.clock_error_s) if so_far.clock else None,
+            "clock": self._clock(),
             "disk_free_gb": self._disk_free_gb(),
             "dawn_min": self._next_dawn.minutes(so_far.utc_ns or now.utc_ns),
             "turn": self._turn(),
@@ -351,6 +351,13 @@ class Glance:
         """Name, text and colour of the latest value of each item: red ones first, then yellow ones."""
         latest = sorted(self._live.items.items(), key=lambda of: -COLOURS.index(of[1].colour))
         return [(name, item.text, item.colour) for name, item in latest[:_ITEMS_SHOWN]]
+
+    def _clock(self) -> str | None:
+        so_far = self._so_far
+        words = [clock_health(so_far.clock, so_far.clock_error_s)] if so_far.clock else []
+        if not math.isnan(so_far.host_minus_sensor_s):
+            words.append(host_minus_sensor(so_far.host_minus_sensor_s))
+        return "; ".join(words) or None
 
     def _focus(self) -> dict[str, Any] | None:
         if self._latest is None or self._so_far.subject is Subject.SENSOR:

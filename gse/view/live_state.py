@@ -186,6 +186,7 @@ class SessionSoFar:
     ``last`` is the latest error, ``latest`` holds the latest result, ``own_d_ra`` and ``own_d_de`` are of the sensor's
     own answers. ``behind_s`` is how long the latest frame waited in this computer. ``link_word`` is of LINK_WORDS,
     ``sky`` of SKY_WORDS. ``cause`` is what the station found out, ``events`` are the latest ones, newest first.
+    ``host_minus_sensor_s`` is the host's clock less an absolute one of the sensor, NaN where it has none.
     ``mount`` is None until it is fitted, ``stars_expected`` NaN before it is known. ``readings`` of the clock and
     ``own_errors`` (rows of OWN_ERROR) came with the latest results.
     """
@@ -214,6 +215,7 @@ class SessionSoFar:
     link: LinkCounters = field(default_factory=LinkCounters)
     clock: ClockReading | None = None
     clock_error_s: float | None = None
+    host_minus_sensor_s: float = math.nan
     status: StatusMessage | None = None
     mount: Mount | None = None
     cause: str = ""
@@ -371,6 +373,21 @@ class Display(Protocol):
 SomeDisplay = TypeVar("SomeDisplay", bound=Display)
 
 
+_CLOCKS_COMPARED = 200
+"""Latest frames whose least difference is shown: any one may have waited on its way."""
+
+
+def _host_minus_sensor_s(session: SessionData) -> float:
+    """How much later than the end of its exposure, by the sensor's own absolute clock, the host saw a frame at best."""
+    if not session.time.is_absolute:
+        return math.nan
+    frames = session.frames.columns[-_CLOCKS_COMPARED:]
+    host_ns, exposure_s = frames["host_utc_ns"], frames["exposure_s"]
+    after_s = (host_ns - frames["utc_ns"]) / NS_PER_S - exposure_s / 2
+    after_s = after_s[(host_ns > 0) & np.isfinite(exposure_s)]
+    return float(after_s.min()) if len(after_s) else math.nan
+
+
 class LiveState:
     """A listener of the station loop that knows how the session of a ``station`` stands (``so_far``).
 
@@ -437,6 +454,7 @@ class LiveState:
             link=replace(session.link),
             clock=session.clock[-1] if session.clock else None,
             clock_error_s=session.clock_error_s,
+            host_minus_sensor_s=_host_minus_sensor_s(session),
             status=session.statuses[-1][1] if session.statuses else None,
             mount=session.alignment.mount if session.alignment else stated if stated.align is None else None,
             stars_expected=self._stars_expected(session),

@@ -14,13 +14,14 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.chunk import LinkEvent, LinkKind
+from gse.station.clock_witness import LEAST_OFF_S
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.session_data import SessionData
 from gse.values import instant
 from gse.values.text import count_text
 from gse.view.live_state import STATE_EVERY_NS, ErrorsSoFar, LiveState, SessionSoFar
-from gse.view.verdict_text import clock_health, percent
+from gse.view.verdict_text import clock_health, host_minus_sensor, percent
 
 # Messages to the operator: the first event of each kind, then a count.
 
@@ -153,6 +154,8 @@ class StatusLine:
         yield _mean("dDE", so_far.d_de, limits.d_de_arcsec)
         yield _LinePart(f"  NEA {_nea(so_far.d_ra.nea)}, {_nea(so_far.d_de.nea)} arcsec", 6)
         yield _clock(so_far)
+        apart_s = so_far.host_minus_sensor_s
+        yield _warned("" if math.isnan(apart_s) else f"  {host_minus_sensor(apart_s)}", 7, abs(apart_s) >= LEAST_OFF_S)
         yield self._disk()
         yield _LinePart(f"  {forecast}" if (forecast := self._state.forecast) else "", 4)
 

@@ -36,6 +36,8 @@ def verdict_so_far(so_far: SessionSoFar, *, dropped: int = 0) -> str:
     if clock is not None:
         source = f"{clock.source}, " if clock.synchronised else ""
         lines.append(f"- clock: {source}{clock_health(clock, so_far.clock_error_s)}")
+    if not math.isnan(so_far.host_minus_sensor_s):
+        lines.append(f"- {host_minus_sensor(so_far.host_minus_sensor_s)}")
     if not math.isnan(so_far.frames_per_s):
         lines.append(f"- {so_far.frames_per_s:.1f} frames per second")
     if dropped:
@@ -97,6 +99,11 @@ def clock_health(clock: ClockReading, stated_s: float | None = None) -> str:
     if not clock.synchronised:
         return "NOT synchronised"
     return f"within {1000 * clock.error_bound_s:.3g} ms"
+
+
+def host_minus_sensor(seconds: float) -> str:
+    """The host's clock against the sensor's own, with the delay of the sensor and of the line in it."""
+    return f"host - sensor clock {seconds:+.3f} s"
 
 
 def arcsec(value: float | None, sign: str = "+") -> str:

@@ -20,7 +20,7 @@ from devices.terminal import Terminal
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
 from drivers.link import NOT_RUN_NS, SerialLink, _read
-from drivers.ports import LineSettings, PortInfo, explain, holders, names_by_id
+from drivers.ports import LineSettings, PortInfo, explain, holders, line_in_use, line_of_flags, names_by_id
 from drivers.session_file.reader import messages
 from drivers.session_file.records import EVENTS, RX, TX
 from drivers.session_file.writer import CaptureWriter
@@ -398,6 +398,29 @@ def test_the_settings_of_a_line_are_those_that_the_far_end_reads_back(terminal: 
         iflag, _, cflag, *_ = termios.tcgetattr(terminal.master)
     assert not cflag & (termios.CSTOPB | termios.CRTSCTS)
     assert not iflag & termios.IXON
+
+
+def test_the_settings_of_a_line_in_use_are_read_from_its_terminal(terminal: Terminal, tmp_path: Path) -> None:
+    with SerialLink(str(terminal.path), 57_600, line=LineSettings(stop_bits=2, xonxoff=True)):
+        assert line_in_use(str(terminal.path)) == "57600 8N2, xonxoff"
+    with SerialLink(str(terminal.path)):
+        assert line_in_use(str(terminal.path)) == "115200 8N1"
+    (tmp_path / "file").touch()
+    assert line_in_use(str(tmp_path / "file")) is None
+    assert line_in_use(str(tmp_path / "none")) is None
+
+
+@pytest.mark.parametrize(
+    ("cflag", "said"),
+    [
+        (termios.PARENB | termios.PARODD | termios.CS7, "9600 7O1"),
+        (termios.PARENB | termios.CS8 | termios.CSTOPB | termios.CRTSCTS, "9600 8E2, rtscts"),
+        (termios.PARENB | termios.PARODD | 0o10000000000 | termios.CS8, "9600 8M1"),
+        (termios.CS5, "9600 5N1"),
+    ],
+)
+def test_parity_and_bits_are_named_as_termios_has_them(cflag: int, said: str) -> None:
+    assert line_of_flags(0, cflag, termios.B9600) == said
 
 
 def test_a_line_is_named_by_its_settings_and_counts_its_bits() -> None:

@@ -124,7 +124,7 @@ def test_ports_says_what_there_is(tmp_path: Path) -> None:
     document = json.loads(CliRunner().invoke(ports, ["--json"]).stdout)
     assert document["schema"] == "gse.ports/1"
     for port in document["ports"]:
-        assert {"device", "description", "serial_number", "holders", "accessible"} <= set(port)
+        assert {"device", "description", "serial_number", "holders", "line", "accessible"} <= set(port)
     result = CliRunner().invoke(ports, [])
     assert result.exit_code == 0
     assert result.output.count("\n") == max(1, len(document["ports"]))

@@ -19,6 +19,7 @@ from gse.values.limits import Limits
 from gse.view.live_state import ErrorsSoFar, LiveState, SessionSoFar
 from gse.view.status import Announcer, StatusLine
 from gse.view.verdict_text import verdict_so_far
+from protocols.description import TimeDescription
 
 
 def told(session, frames, *, folder: Path | None = None, terminal: bool = False, width: int = 200) -> str:
@@ -50,6 +51,27 @@ def test_the_line_says_all_that_matters(session, tmp_path: Path) -> None:
     for words in ("link closed", "301 frames at 10.0/s", "98.0 % identified", "dRA* +6.", "dDE -3.", "NEA ", "GB free"):
         assert words in line
     assert "clock within 1 ms" in line
+
+
+@pytest.mark.parametrize(("late_s", "style"), [(0.0123, ""), (-18.0, "bold red")])
+def test_an_absolute_clock_of_the_sensor_is_shown_against_that_of_the_host(session, late_s, style) -> None:
+    live = LiveState(session.station)
+    line = StatusLine(live, console=Console(file=io.StringIO(), width=250))
+    live.add(line)
+    shown = list(synthetic_frames(20))
+    live.on_results(results_of(shown), session)
+    assert "sensor clock" not in line.line().plain
+    session.time = TimeDescription(scale="gps")
+    frames = session.frames.columns
+    frames["host_utc_ns"] = frames["utc_ns"] + np.round((frames["exposure_s"] / 2 + late_s) * 1e9).astype(np.int64)
+    frames["host_utc_ns"][:-1] += 5_000_000
+    live.on_results(results_of(shown), session)
+    said = f"host - sensor clock {late_s:+.3f} s"
+    assert said in line.line().plain
+    assert said in verdict_so_far(live.so_far)
+    assert [span.style for span in line.line().spans if line.line().plain[span.start : span.end].strip() == said] == [
+        style
+    ] * bool(style)
 
 
 @pytest.mark.parametrize("width", [80, 66, 50])
