@@ -6,12 +6,14 @@ Each input is fed whole and in pieces to the decoder of every built-in protocol,
 messages. Any exception, or bytes that do not add up, is a find.
 """
 
+import contextlib
 import sys
 
 import atheris  # type: ignore[import-not-found]
 
 with atheris.instrument_imports(include=["protocols"]):
     from protocols import Discard, Frame, FrameDecoder, Protocol, built_in_names, load_protocol
+    from protocols.errors import EncodeError
 
 PROTOCOLS = [load_protocol(name) for name in built_in_names()]
 
@@ -34,7 +36,8 @@ def one_input(data: bytes) -> None:
         assert decoded(protocol, data) == decoded(protocol, data[:cut], data[cut : 2 * cut], data[2 * cut :])
         for code, name in protocol.frame_layout.names.items():
             size = protocol.frame_layout.sizes[code]
-            decoded(protocol, protocol.encode_payload(name, data[:size].ljust(size, b"\0"), cut))
+            with contextlib.suppress(EncodeError):  # a line of text has no word for each number
+                decoded(protocol, protocol.encode_payload(name, data[:size].ljust(size, b"\0"), cut))
 
 
 if __name__ == "__main__":

@@ -183,7 +183,7 @@ EVERY = {
     "conventions": "conventions {session}",
     "campaign judge": "campaign judge {session} --to {new} --workers 1",
     "campaign report": "campaign report {given}/dataset --out {new}",
-    "campaign query": "campaign query {given}/dataset select(verdict)from(sessions)",
+    "campaign query": "campaign query {given}/dataset select/**/verdict/**/from/**/sessions",
     "note": "note text {given}",
     "status": "status {given}",
     "completion": "completion bash",
@@ -205,6 +205,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def main() -> None:
     """Print the table, and what is wrong in it."""
+    for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        signal.signal(number, handler)  # this script may run under nohup, or in the background
     wrong: list[str] = []
     columns = ["undisturbed", *CLOSED, "disk full", *(number.name for number in SIGNALS)]
     print(f"| command | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}", flush=True)
@@ -254,7 +256,7 @@ def _words(command: str, out: Path, given: Path) -> list[str]:
 
 
 def _ended(words: list[str], redirection: str, folder: Path) -> str:
-    line = " ".join(f"'{word}'" for word in [*GSE, *words]) + f" {redirection}"
+    line = "exec " + " ".join(f"'{word}'" for word in [*GSE, *words]) + f" {redirection}"
     try:
         done = subprocess.run(
             ["bash", "-c", line],
