@@ -6,10 +6,11 @@ from typing import Any
 
 import click
 
-from drivers.outside_text import plain_line
+from drivers.outside_text import plain_line, plain_lines
 from gse.errors import UsageError
 
 _MOST_REPORT_BYTES = 16 << 20
+_LONGEST_S = 366 * 86400
 
 
 @click.command("sessions")
@@ -30,7 +31,7 @@ def command(*, path: Path, as_json: bool) -> None:
         raise UsageError(f"there is no session below {path}; give another folder, or record one with: gse run")
     for row in rows:
         length = "-" if row["duration_s"] is None else _length(row["duration_s"])
-        click.echo(f"{(row['first_utc'] or '-')[:19]:19}  {length:>8}  {row['state']:32}  {row['folder']}")
+        click.echo(plain_lines(f"{(row['first_utc'] or '-')[:19]:19}  {length:>8}  {row['state']:32}  {row['folder']}"))
 
 
 def _length(seconds: float) -> str:
@@ -66,11 +67,10 @@ def _report(folder: Path) -> dict[str, Any]:
     """The newest report of a session as it is read; empty where there is none, or it is none of ours."""
     paths = [folder / "report.json", *folder.glob("report*/report.json")]
     for path in sorted(filter(Path.is_file, paths), key=lambda one: one.stat().st_mtime, reverse=True):
-        with path.open("rb") as file:
-            text = file.read(_MOST_REPORT_BYTES)
         try:
-            document = json.loads(text)
-        except (ValueError, RecursionError):
+            with path.open("rb") as file:
+                document = json.loads(file.read(_MOST_REPORT_BYTES))
+        except (OSError, ValueError, RecursionError):
             continue
         if isinstance(document, dict) and document.get("schema") == "gse.report/1":
             return _checked(document)
@@ -83,7 +83,9 @@ def _checked(document: dict[str, Any]) -> dict[str, Any]:
     facts = session if isinstance(session, dict) else {}
     texts = {key: facts[key] for key in ("sensor", "first_utc") if isinstance(facts.get(key), str)}
     length = facts.get("duration_s")
-    seconds = {"duration_s": float(length)} if isinstance(length, int | float) else {}
+    seconds: dict[str, float] = {}
+    if isinstance(length, int | float) and 0 <= length <= _LONGEST_S:
+        seconds = {"duration_s": float(length)}
     words = {key: plain_line(document[key]) for key in ("word", "verdict") if isinstance(document.get(key), str)}
     session_facts = {**{key: plain_line(text) for key, text in texts.items()}, **seconds}
     return {**words, "simulated": document.get("simulated") is True, "session": session_facts}

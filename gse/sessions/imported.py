@@ -49,6 +49,6 @@ def import_capture(
 def stated_start_ns(attachments: Mapping[str, str]) -> int | None:
     """The UTC of the first panorama of an imported session; None of one that was recorded here."""
     try:
-        return instant.from_text(json.loads(attachments.get(STATED) or "{}")["start_utc"])
+        return instant.from_text(str(json.loads(attachments.get(STATED) or "{}")["start_utc"]))
     except (ValueError, KeyError, TypeError, RecursionError):
         return None

@@ -1,6 +1,7 @@
 """Replay: a recorded session, a raw capture or a panorama table through the same loop as a live sensor."""
 
 import json
+import math
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -234,9 +235,9 @@ def _stated_clock_error_s(text: str | None) -> float | None:
     """Statements of the operator from the recording; empty where they cannot be read."""
     try:
         seconds = float(json.loads(text or "null")["clock_error_s"])
-    except (ValueError, TypeError, KeyError, RecursionError):
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return None
-    return seconds if seconds >= 0 else None
+    return seconds if 0 <= seconds < math.inf else None
 
 
 def _frozen_orientation(text: str | None) -> EarthOrientation | None:

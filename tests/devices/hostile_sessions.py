@@ -17,7 +17,7 @@ from drivers.session_file.record_scanner import MAGIC
 from drivers.session_file.records import CLOCK, EVENTS, RX, RecordedMessage, checksum, event_message
 from drivers.session_file.writer import CaptureWriter
 from gse.config.station import BUILT_IN_TEXT
-from gse.recording.session_format import TIMING_TOPIC, RecorderKind
+from gse.recording.session_format import STATED, TIMING_TOPIC, RecorderKind
 from gse.station.events import StationKind
 from protocols import PanoramaMessage, load_protocol
 
@@ -167,9 +167,10 @@ def write_flood(path: Path, count: int = 30_000) -> Path:
     return path
 
 
-def write_station(path: Path, text: str) -> Path:
-    """A session with this station file and nothing else."""
+def write_station(path: Path, text: str, *, stated: str = "{}") -> Path:
+    """A session with this station file and these statements of its operator, and nothing else."""
     with CaptureWriter(path) as writer:
         writer.attach("station.yaml", "application/yaml", text.encode())
+        writer.attach(STATED, "application/json", stated.encode())
         writer.write(RecordedMessage(RX, START_NS, 1, frames(1, np.random.default_rng(3))[0]))
     return path

@@ -79,10 +79,21 @@ def test_the_sessions_are_listed_with_their_verdicts(gse: Gse, folder: Path) -> 
     assert listed[-1]["sensor"] == "LAPAN-like"
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"schema": "gse.report/1", "word": 3, "session": "x"}'])
+OURS = '{"schema": "gse.report/1", '
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *("", "{", "[]", OURS + '"word": 3, "session": "x"}'),
+        *(OURS + f'"session": {{"duration_s": {value}}}}}' for value in (10**400, "NaN", "Infinity", -1)),
+    ],
+    ids=str.__len__,
+)
 def test_a_report_that_is_none_of_ours_hides_no_session(gse: Gse, folder: Path, content: str) -> None:
     (folder / NEWEST / "report.json").write_text(content)
     assert NEWEST in gse("sessions").out
+    assert json.loads(gse("sessions", "--json").out)["sessions"][-1]["duration_s"] is None
 
 
 def test_the_station_file_stands_alone_or_behind_its_option(gse: Gse, tmp_path: Path) -> None:

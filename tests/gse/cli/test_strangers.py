@@ -87,6 +87,16 @@ def test_absurd_times_steering_texts_and_foreign_events_give_a_report_like_any_o
         assert STEERS.search(shown(done, tmp_path)) is None
 
 
+@pytest.mark.parametrize(
+    "stated",
+    ['{"start_utc": 5}', '{"start_utc": null, "clock_error_s": 1e999}', f'{{"clock_error_s": {10**400}}}', "[]"],
+    ids=str.__len__,
+)
+def test_statements_that_no_operator_made_are_left_out(tmp_path: Path, gse: Gse, stated: str) -> None:
+    path = write_station(tmp_path / "session.mcap", BUILT_IN_TEXT, stated=stated)
+    assert gse("report", path, "--out", tmp_path / "report").code == 5
+
+
 @pytest.mark.parametrize("what", ["catalog: {path}", "protocol: {path}"])
 def test_a_session_opens_no_file_of_this_host_unless_a_station_file_is_given(
     tmp_path: Path, gse: Gse, what: str
