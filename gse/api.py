@@ -149,9 +149,9 @@ def _pair(panorama: Any) -> Any:
     """Pixels and brightness of a data frame, an Arrow table or an array (N, 3), brightest first; a pair as it is."""
     names = getattr(panorama, "column_names", None) or getattr(panorama, "columns", None)
     if names is not None:
-        return _sorted(np.column_stack([np.asarray(panorama[_column(names, known)]) for known in _COLUMNS]))
+        return _sorted(np.column_stack([_numbers(panorama[_column(names, known)]) for known in _COLUMNS]))
     if isinstance(panorama, np.ndarray) and panorama.ndim == 2 and panorama.shape[1] == 3:
-        return _sorted(panorama)
+        return _sorted(_numbers(panorama))
     return panorama
 
 
@@ -162,6 +162,19 @@ def _column(names: Any, known: tuple[str, ...]) -> str:
     return found
 
 
+_EXPECTED = "expected pixels (N, 2) as x, y and brightness (N,), or the file of a panorama table"
+
+
+def _numbers(values: Any) -> NDArray[np.float64]:
+    """As numbers; UsageError where they are none. A masked value is not there, and numpy would take what lies below."""
+    try:
+        if np.iscomplexobj(values) or np.ma.is_masked(values):
+            raise ValueError("it has complex or masked values")
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(f"this is not a panorama ({error}); {_EXPECTED}") from error
+
+
 def _sorted(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     rows = rows[np.argsort(-rows[:, 2], kind="stable")]
     return rows[:, :2], rows[:, 2]
@@ -169,15 +182,14 @@ def _sorted(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 def _pixels(panorama: tuple[ArrayLike, ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Pixels (N, 2) and brightness (N,) as given; a transposed array would be other pixels, so none is reshaped."""
-    expected = "expected pixels (N, 2) as x, y and brightness (N,), or the file of a panorama table"
     try:
-        xy_px, brightness = (np.asarray(part, dtype=np.float64) for part in panorama)
+        xy_px, brightness = map(_numbers, panorama)
     except (TypeError, ValueError) as error:
-        raise UsageError(f"this is not a panorama ({error}); {expected}") from error
+        raise UsageError(f"this is not a panorama ({error}); {_EXPECTED}") from error
     if not xy_px.size and not brightness.size:
         return np.empty((0, 2)), np.empty(0)
     if xy_px.ndim != 2 or xy_px.shape[1] != 2 or brightness.shape != xy_px.shape[:1]:
-        raise UsageError(f"pixels {xy_px.shape} and brightness {brightness.shape} came; {expected}")
+        raise UsageError(f"pixels {xy_px.shape} and brightness {brightness.shape} came; {_EXPECTED}")
     if not (np.isfinite(xy_px).all() and np.isfinite(brightness).all()):
         raise UsageError("pixels or brightness are not finite; leave out what was not measured")
     if np.any(brightness < 0):

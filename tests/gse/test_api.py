@@ -97,6 +97,10 @@ def test_what_is_no_session_or_panorama_is_refused_in_a_sentence(tmp_path: Path)
         ((np.zeros((2, 2)), [-3.0, -4.0]), "is negative"),
         (([[1.0, 2.0], [3.0]], [1.0, 1.0]), "this is not a panorama"),
         (None, "this is not a panorama"),
+        (np.array([["a", "b", "c"]], dtype=object), "this is not a panorama"),
+        (np.array([[1.0, 2.0, 10**400]], dtype=object), "this is not a panorama"),
+        (np.ones((4, 3)) + 1j, "complex or masked"),
+        (np.ma.masked_less(np.ones((4, 3)), 2.0), "complex or masked"),
     ],
 )
 def test_arrays_that_are_no_panorama_are_refused_and_not_reshaped(panorama, word) -> None:
