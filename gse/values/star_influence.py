@@ -15,6 +15,9 @@ from gse.values.matrices import cholesky, eigh, inv, product
 
 _MIN_STARS = 3
 """Two stars' residuals tell nothing across the line between them."""
+_FARTHEST_BLOCKS = 100_000
+"""Stretches that are farther apart count as this far: no session is as long (three weeks of 20 s), but a host's clock
+that begins in 1970 leaps by 56 years, and the autocovariance has a row for each distance."""
 _UNKNOWNS_OF_A_FRAME = 1.5
 """Three angles, in units of the two equations that a star gives."""
 
@@ -137,7 +140,7 @@ def star_covariance(
     difference of their ``blocks`` (N,). Without ``within_blocks`` the part that is left after means over blocks alone:
     what the scatter of blocks does not show.
     """
-    cells = StarCells.from_stars(stars, blocks)
+    cells = StarCells.from_stars(stars, _without_leaps(blocks))
     flat = operators.reshape(len(operators), -1)
     sums = _sums(flat, cells.of_row).reshape(-1, *operators.shape[1:])
     groups = np.split(np.arange(len(cells.star)), np.flatnonzero(np.diff(cells.star)) + 1)
@@ -150,6 +153,13 @@ def star_covariance(
         for axis in (0, 1):
             between += product(sums[rows, :, axis].T, autocovariance[axis][lags], sums[rows, :, axis])
     return _not_negative(between, within) + (within if within_blocks else 0.0)
+
+
+def _without_leaps(blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers (N,) of stretches, from 0 on, of which none follows the one before it by more than _FARTHEST_BLOCKS."""
+    distinct, place = np.unique(blocks, return_inverse=True)
+    steps = np.minimum(np.diff(distinct, prepend=distinct[:1]), _FARTHEST_BLOCKS)
+    return np.asarray(np.cumsum(steps)[place], dtype=np.int64)
 
 
 def _not_negative(matrix: NDArray[np.float64], unit: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,8 +1,10 @@
 """Stars in stretches of time and in frames: means by a dictionary, turns of frames by numpy's least squares."""
 
+import tracemalloc
+
 import numpy as np
 
-from gse.values.star_influence import FrameFits, StarCells
+from gse.values.star_influence import FrameFits, StarCells, star_covariance
 
 
 def test_sightings_of_a_star_in_a_stretch_are_one_cell_also_before_the_first_stretch_and_of_star_zero() -> None:
@@ -52,3 +54,22 @@ def test_the_turns_of_frames_are_the_least_squares_fits_of_small_rotations_to_th
         assert np.allclose(turns[place], expected, rtol=1e-9, atol=1e-9)
     by_operators = np.einsum("nij,njf->nif", fits.operators(), errors)
     assert np.allclose(turns[2], by_operators[frames == 7].sum(axis=0), rtol=1e-9, atol=1e-9)
+
+
+def test_a_leap_of_the_clock_by_years_takes_no_more_memory_than_one_by_weeks_and_changes_no_covariance() -> None:
+    """Two stretches of 20 blocks, each star in all of them: how far apart these two are has one row of its own."""
+    rng = np.random.default_rng(6)
+    stars, blocks = np.repeat(np.arange(8), 40), np.tile(np.arange(40), 8)
+    operators, errors = rng.normal(size=(320, 3, 2)), rng.normal(size=(320, 2)) + rng.normal(size=(8, 2))[stars]
+
+    def covariance(leap_blocks: int) -> np.ndarray:
+        at = np.where(blocks < 20, blocks, blocks + leap_blocks)
+        return star_covariance(operators, errors, stars, at, within_blocks=True)
+
+    tracemalloc.start()
+    years = covariance(20_000_000)
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most_bytes < 32 << 20
+    assert (years == covariance(30_000)).all()
+    assert not np.allclose(years, covariance(0))
