@@ -90,8 +90,10 @@ def test_the_state_of_a_session_changes_with_it(s3: S3Server) -> None:
     assert after.state.startswith("4 20")
 
 
-@pytest.mark.parametrize("name", ["plain", "sensor=a b%2F/night=2026-03-20/é+#?.parquet"])
-@pytest.mark.parametrize("size", [0, 5, 2 * PART_BYTES + 1])
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("plain", 0), ("sensor=a b%2F/night=2026-03-20/é+#?.parquet", 5), ("plain", 2 * PART_BYTES + 1)],
+)
 def test_a_file_is_written_as_boto_reads_it_and_read_as_boto_wrote_it(
     s3: S3Server, tmp_path: Path, name: str, size: int
 ) -> None:
