@@ -282,6 +282,11 @@ class SerialLink:
         self._stamped.write(data)
         return chunk
 
+    def report(self, event: LinkEvent) -> None:
+        """Record an event of this host, and give it in its place among what is received."""
+        assert self._live is not None  # a port with its own time has none of this host's
+        self._live.put(event)
+
     def switch_simulated(self, *, on: bool) -> bool:
         """Switch the supply of a simulated sensor; False where the port is none."""
         switch = getattr(self._stamped, "switch", None)
@@ -329,6 +334,8 @@ class _Receiver:
         # No SimpleQueue: its timeout becomes endless where a signal handler takes longer than what is left of it
         # (CPython 3.11, 3.12), and a session that waits for a silent port would never see that it is to end.
         self._items: queue.Queue[Item] = queue.Queue()
+        self._order = threading.Lock()
+        """Held from recording an item to its place in the queue: a replay gives them in the order of the recording."""
         self._received_bytes = self._fetched_bytes = 0
         self._backlog_reported = self._full_reported = False
         self._line_errors: dict[str, int] | None = None
@@ -365,9 +372,10 @@ class _Receiver:
             raise PortError(
                 f"cannot send: {self._url} is not connected; plug it in again, it is reopened automatically"
             )
-        chunk = Chunk(*now(), data)
-        self._recorder.tx(chunk)
-        self._items.put(_sent(chunk))
+        with self._order:
+            chunk = Chunk(*now(), data)
+            self._recorder.tx(chunk)
+            self._items.put(_sent(chunk))
         try:
             port.write(data)
         except _HANG_UPS as error:
@@ -427,12 +435,15 @@ class _Receiver:
         chunk = Chunk(*now(), data)
         if self._second is not None:
             self._second.pass_on(data, chunk.mono_ns)
-        self._recorder.rx(chunk)
-        if self.backlog_bytes > MOST_BACKLOG_BYTES or self._items.qsize() > MOST_ITEMS:
+        with self._order:
+            self._recorder.rx(chunk)
+            is_full = self.backlog_bytes > MOST_BACKLOG_BYTES or self._items.qsize() > MOST_ITEMS
+            if not is_full:
+                self._received_bytes += len(data)
+                self._items.put(chunk)
+        if is_full:
             self._report_full()
             return
-        self._received_bytes += len(data)
-        self._items.put(chunk)
         if not self._backlog_reported and self.backlog_bytes > BACKLOG_BYTES:
             self._backlog_reported = True
             self._report(
@@ -473,9 +484,13 @@ class _Receiver:
             )
 
     def _report(self, kind: str, text: str) -> None:
-        event = LinkEvent(*now(), kind, text)
-        self._recorder.event(event)
-        self._items.put(event)
+        self.put(LinkEvent(*now(), kind, text))
+
+    def put(self, event: LinkEvent) -> None:
+        """Record an event, and queue it in the same place."""
+        with self._order:
+            self._recorder.event(event)
+            self._items.put(event)
 
     def _lose(self, error: BaseException) -> None:
         port, self._port = self._port, None

@@ -162,6 +162,8 @@ FIRST_WITHIN_S = 1.0
 FEW_BYTES = 64 << 10
 """Fewer unwritten bytes than this are usual."""
 
+_BEHIND_NS = 2 * instant.NS_PER_S
+"""Between two looks at the steps of a procedure while received bytes wait."""
 _ITEMS_OF_A_STEP = 3
 """Chunks of a simulated port between two looks at the steps of a procedure: about a panorama."""
 
@@ -310,10 +312,10 @@ def run_live(
                     each=derived_data.keep,
                     wait_s=wait_s,
                     most=most,
+                    last=derived_data.finish_procedure,
                 )
             finally:
-                if procedure is not None:
-                    procedure.finish(operator.ending.reason or "the end of the data")
+                derived_data.finish_procedure()
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
@@ -347,6 +349,7 @@ class _DerivedDataRecorder:
         self._loop, self._recorder, self._link, self._operator = loop, recorder, link, operator
         self._asking, self._power = asking, power
         self.procedure: Run | None = None
+        self._ticked_ns = 0
         self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -402,8 +405,21 @@ class _DerivedDataRecorder:
                 else:
                     self._event(*event_of(text))
         self._read_clock()
-        if self.procedure is not None:
+        self._tick_procedure()
+
+    def _tick_procedure(self) -> None:
+        """Go on with the procedure once all that came is processed; on a computer that is behind, now and then."""
+        now_ns = self._link.mono_ns()
+        behind = self._link.is_live and (self._loop.items_left or self._link.backlog_bytes)
+        if self.procedure is not None and (not behind or now_ns - self._ticked_ns > _BEHIND_NS):
+            self._ticked_ns = now_ns
             self.procedure.tick()
+
+    def finish_procedure(self) -> None:
+        """Do what is left of a procedure, at the end of the session or of the data."""
+        if self.procedure is not None:
+            self.procedure.finish(self._operator.ending.reason or "the end of the data")
+        self.take_power()
 
     def take_screen(self, utc_ns: int) -> None:
         """Record what the screen before the sensor showed: truth needs it before the panoramas that saw it."""
@@ -418,7 +434,7 @@ class _DerivedDataRecorder:
         """Record what the supply did since the last call."""
         for at, news in self._power.news() if self._power else ():
             if not isinstance(news, PowerReading):
-                self._event(*news, at=at)
+                self._link.report(LinkEvent(at.utc_ns, at.mono_ns, *news))
             elif len(self._loop.session.power) < MOST_READINGS:
                 self._loop.session.power.append(news)
                 self._recorder.derived(POWER_TOPIC, at.utc_ns, power_json(news))
@@ -434,19 +450,19 @@ class _DerivedDataRecorder:
         if log := external.take_log():
             self._recorder.derived(LOG_TOPIC, self._last_ns, log)
 
-    def _event(self, kind: str, text: str, at: ClockReading | None = None) -> None:
-        """An event of this host, now or ``at`` a reading of its clocks; simulated, at the time of its data."""
+    def _event(self, kind: str, text: str) -> None:
+        """An event of this host, now; in a simulated session at the time of its data."""
         utc_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
-        event = LinkEvent(at.utc_ns if at else utc_ns, at.mono_ns if at else self._link.mono_ns(), kind, text)
+        event = LinkEvent(utc_ns, self._link.mono_ns(), kind, text)
         self._recorder.event(event)
         self._loop.take([event])
 
     def close(self) -> None:
         """Record the end of the session; silence up to this instant counts as part of it."""
-        self.take_power()
         self._keep_identity()
         if self._link.is_live:
             over = "the end of its scene" if self._operator.scene_is_over() else "--duration"
+            over = "the end of its procedure" if self.procedure is not None else over
             self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or over}")
 
     def _read_clock(self) -> None:
@@ -479,8 +495,11 @@ class _Bench:
     def record(self, kind: str, text: str) -> None:
         """An event of the session, now."""
         event = LinkEvent(*self.now(), kind, text)
-        self._recorder.event(event)
-        self._loop.take([event])
+        if self.is_live:
+            self._link.report(event)
+        else:
+            self._recorder.event(event)
+            self._loop.take([event])
 
     def switch(self, *, on: bool) -> "Future[Ran] | None":
         """Switch the supply; a simulated sensor has one of its own, whatever the station file names."""

@@ -281,7 +281,7 @@ class StationLoop:
         self._serial = 0
         self._items_at_once = _FIRST_ITEMS
         self.in_work_since_ns = 0
-        self.left_bytes = 0
+        self.left_bytes = self.items_left = 0
         self.listeners: Sequence[Listener] = ()
         self.take_frame: Callable[[Frame], None] | None = None
         """Gets each frame, for a procedure that awaits the answer to a command."""
@@ -325,11 +325,13 @@ class StationLoop:
         each: Callable[[list[FrameResults]], None] = lambda results: None,
         wait_s: Callable[[], float] = lambda: RECEIVE_TIMEOUT_S,
         most: int = ITEMS_AT_ONCE,
+        last: Callable[[], None] = lambda: None,
     ) -> SessionData:
         """Receive until the link is at its end or ``stop`` says so; then process what a live port gave until then.
 
         ``stop`` is asked after each WORK_S of work. ``first`` is what was received already, ``each`` gets the results
         of every round, ``wait_s`` says how long a round may wait; it takes at ``most`` so many items of the port.
+        ``last`` is done when it stops, while the port is still open.
         Where ``leave`` says so after the stop, the rest is left: it is recorded, and ``left_bytes`` says how much.
         """
         items: Sequence[Chunk | LinkEvent] = first
@@ -337,6 +339,7 @@ class StationLoop:
             while (items or not link.at_end) and not (stop and stop()):
                 items = items or self._received(link, wait_s(), most, may_stop=stop is not None)
                 items = self._take_some(items, len(items) if stop is None else self._items_at_once, each)
+            last()
             if link.is_live:
                 link.close()  # what came is recorded, so it counts
             while (items := items or (self._received(link, 0, most) if link.is_live else [])) and not leave():
@@ -360,6 +363,7 @@ class StationLoop:
     ) -> Sequence[Chunk | LinkEvent]:
         """Process the first items, at most so many; returns the others. How many take WORK_S is learnt from them."""
         some, others = items[:most], items[most:]
+        self.items_left = len(others)
         began_s = time.monotonic()
         self.in_work_since_ns = some[0].mono_ns if some else 0
         each(self.take(some))

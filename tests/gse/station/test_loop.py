@@ -130,7 +130,7 @@ class Port:
     def at_end(self) -> bool:
         return len(self._given) <= self._later
 
-    def receive(self, timeout_s: float) -> list[Chunk | LinkEvent]:
+    def receive(self, timeout_s: float, most: int = 0) -> list[Chunk | LinkEvent]:
         self.calls.append(timeout_s)
         return self._given.pop(0) if self._given else []
 

@@ -1,0 +1,147 @@
+"""Runs on an emulated sensor whose supply a program switches: the terminal, notes, signals, a port that is lost."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from devices.emulated_sensor import EmulatedSensor
+from devices.live_session import LiveSession, ended
+from devices.patience import PATIENCE_S
+
+from drivers.errors import DriverError
+from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
+
+HEAD = "version: 1\nname: SS-TP-07\nstation: station.yaml\nsteps:\n"
+CLEANUP = "cleanup:\n  - send: STOP\n  - power: off\n"
+STARTS = """\
+  - power: off
+  - wait: {until: {state: silent}, at_most: 30s}
+  - power: on
+  - wait: {until: {state: acquired}, at_most: 30s, measure: first_fix_s}
+  - check: {power_a: [300 mA, 320 mA], power_v: [4.8, 5.2]}
+  - send: PING
+  - check: {supply_v: [4.8, 5.2]}
+"""
+
+
+@pytest.fixture
+def begin(tmp_path):
+    """A function that begins a run of steps on a sensor as a process: the process, and its session."""
+    begun = []
+
+    def begin_run(steps, *options):
+        (tmp_path / "test.yaml").write_text(HEAD + steps + CLEANUP)
+        out = tmp_path / "out"
+        out.mkdir()
+        command = [sys.executable, "-m", "gse", "procedure", "run", str(tmp_path / "test.yaml"), "--out", str(out)]
+        process = subprocess.Popen(
+            [*command, "--no-plots", *options], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        begun.append(process)
+        return process, LiveSession(out)
+
+    yield begin_run
+    for process in begun:
+        process.kill()
+        process.communicate()
+
+
+def await_step(session, number):
+    """Wait until a step of the running session has begun."""
+    until_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            if session.events().get("STEP_BEGUN", "").startswith(f"{number} | "):
+                return
+        except (ValueError, OSError, DriverError):
+            pass  # there is no session yet
+        assert time.monotonic() < until_s
+        time.sleep(0.1)
+
+
+def log_of(session):
+    report = json.loads((session.folder / "report.json").read_text())
+    return report, {step["number"]: (step["outcome"], step["seen"]) for step in report["procedure"]["steps"]}
+
+
+def test_a_program_switches_the_sensor_and_the_run_says_what_it_drew(gse, tmp_path):
+    (tmp_path / "test.yaml").write_text(HEAD + STARTS + CLEANUP)
+    with EmulatedSensor(tmp_path) as sensor:
+        done = gse("procedure", "run", tmp_path / "test.yaml", "--out", tmp_path / "out", "--no-plots")
+        assert sensor.supply.read_text() == "off"
+    (folder,) = (tmp_path / "out").iterdir()
+    report = json.loads((folder / "report.json").read_text())
+    assert {step["outcome"] for step in report["procedure"]["steps"]} == {"PASS"}, done.err
+    assert done.code == 0
+    (start,) = report["procedure"]["starts"]["each"]
+    assert 0.5 <= start["boot_s"] <= start["first_fix_s"]  # it boots for half a second
+    gse("replay", folder, "--out", tmp_path / "again")
+    (again,) = (tmp_path / "again").iterdir()
+    assert (again / "report.json").read_bytes() == (folder / "report.json").read_bytes()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_and_the_cleanup_is_done(begin, tmp_path, number):
+    with EmulatedSensor(tmp_path) as sensor:
+        process, session = begin("  - wait: {for: 10 min}\n  - send: PING\n")
+        await_step(session, 1)
+        process.send_signal(number)
+        assert ended(process) == EXIT_INCONCLUSIVE
+        assert sensor.supply.read_text() == "off"
+    report, log = log_of(session)
+    assert log["1"][0] == "not done"
+    assert "interrupted by" in log["1"][1]
+    assert log["2"][0] == "not done"
+    assert [log[f"cleanup {n}"][0] for n in (1, 2)] == ["PASS", "PASS"]
+    assert report["verdict"] == "INCONCLUSIVE"
+    assert session.is_closed_judged_and_reported()
+
+
+def test_a_port_that_is_lost_in_a_step_is_no_fault_of_the_sensor(begin, tmp_path):
+    with EmulatedSensor(tmp_path) as sensor:
+        process, session = begin("  - wait: {until: {sky: daylight}, at_most: 20s}\n")
+        await_step(session, 1)
+        sensor.unplug()
+        assert ended(process) == EXIT_INCONCLUSIVE
+        assert sensor.supply.read_text() == "off"
+    _, log = log_of(session)
+    assert log["1"][0] == "not done"
+    assert "the port is gone" in log["1"][1]
+    assert log["cleanup 1"][0] == "not done"
+    assert log["cleanup 2"][0] == "PASS"
+
+
+@pytest.mark.parametrize(
+    ("word", "seen"), [("hang", "did not end within 2 s (power.timeout_s), and was killed"), ("fail", "no such relay")]
+)
+def test_a_switch_that_hangs_or_fails_leaves_its_step_undone(gse, tmp_path, word, seen):
+    (tmp_path / "test.yaml").write_text(HEAD + "  - power: on\n  - send: PING\n" + CLEANUP)
+    with EmulatedSensor(tmp_path, on=word) as sensor:
+        gse("procedure", "run", tmp_path / "test.yaml", "--out", tmp_path / "out", "--no-plots")
+        assert sensor.supply.read_text() == "off"
+    (folder,) = (tmp_path / "out").iterdir()
+    steps = json.loads((folder / "report.json").read_text())["procedure"]["steps"]
+    assert [step["outcome"] for step in steps] == ["not done", "not done", "PASS", "PASS"]
+    assert seen in steps[0]["seen"]
+
+
+def test_a_switch_that_lies_is_found_by_what_the_sensor_does(gse, tmp_path):
+    (tmp_path / "test.yaml").write_text(HEAD + "  - power: off\n  - wait: {until: {state: silent}, at_most: 4s}\n")
+    with EmulatedSensor(tmp_path, off="lie"):
+        done = gse("procedure", "run", tmp_path / "test.yaml", "--out", tmp_path / "out", "--no-plots")
+    assert done.code == EXIT_FAIL
+    assert "step 1 PASS: switched" in done.err
+    assert "step 2 FAIL: after 4 s state is acquired" in done.err
+
+
+def test_a_note_answers_the_step_that_waits_for_the_operator(begin, gse, tmp_path):
+    with EmulatedSensor(tmp_path):
+        process, session = begin("  - ask: {label: serial, text: Serial number}\n", "--view", "web")
+        await_step(session, 1)
+        gse("note", "answer: SN 12", session.folder)
+        assert ended(process) == 0, process.stderr.read()
+    _, log = log_of(session)
+    assert log["1"] == ("PASS", "SN 12")
