@@ -1,6 +1,7 @@
 """Layout of the screen: place and time range of each view."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
@@ -29,10 +30,12 @@ def layout(
     window_s: float | None = None,
     boresight_icrs: NDArray[np.float64] | None = None,
     own: bool = False,
+    item_units: Sequence[str] = (),
 ) -> rrb.Blueprint:
     """All views of a station over the last ``window_s`` seconds, or over the whole session (None).
 
-    With ``own`` the sensor sends answers of its own, which the titles then name.
+    With ``own`` the sensor sends answers of its own, which the titles then name. ``item_units`` are
+    those of the items of housekeeping that are shown, a graph for each.
     """
     ranges = _time_ranges(window_s)
     axis = rrb.TimeAxis(view_range=_time_range(window_s))
@@ -58,6 +61,10 @@ def layout(
             _graph("/clock", "Clock (ms)", axis),
             _graph("/temperature_c", "Detector (degC)", axis),
             *(_graph(f"/{path}", _title(path), axis) for path in GRAPHS if path not in _PLACED),
+            *(
+                _graph(f"/housekeeping/{number}", f"Housekeeping ({unit})" if unit else "Housekeeping", axis)
+                for number, unit in enumerate(item_units)
+            ),
         ),
         rrb.StateTimelineView(origin="/state", name="Link, sky, verdict", time_view=axis),
         row_shares=[7.5, 2.2, 2.8],

@@ -60,6 +60,7 @@ def _fill(
     begun = replace(scene.so_far, link=session.link, clock=clock, clock_error_s=session.clock_error_s)
     scene.so_far = begun.with_own(own_errors)
     scene.add_own_answers(own_errors)
+    scene.add_housekeeping(session.housekeeping)
     if len(session.frames):
         scene.add_whole(session.frames, session.events, session.stars.name if session.stars else str)
     else:

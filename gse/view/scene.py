@@ -20,6 +20,7 @@ from gse.station.columns import STATUSES
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult
 from gse.station.frame_table import FrameTable
+from gse.station.item_table import Housekeeping
 from gse.station.results import Status
 from gse.values import instant
 from gse.values.instant import NS_PER_S
@@ -40,6 +41,7 @@ from gse.view.series import (
     begin_series,
     near_rows,
     send_clock,
+    send_item,
     send_near,
     send_outages,
     send_own_answers,
@@ -104,6 +106,7 @@ class Scene:
         self._events = EventLines(frozenset({StationKind.NOTE, StationKind.MOUNT_TOUCHED}))
         self._number = 0
         self._laid_out = 0
+        self._item_units: tuple[str, ...] = ()
         self._frames = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
         self._own = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
         self._near = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
@@ -185,6 +188,19 @@ class Scene:
         if self._live:
             self._own.add(self._next(), int(errors["utc_ns"][-1]), errors.copy())
         send_own_answers(self._stream, errors, self._station.limits)
+
+    def add_housekeeping(self, housekeeping: Housekeeping) -> None:
+        """Show the items of a whole session, a graph for each unit; words and bits are in tables only."""
+        shown = [item for item in housekeeping.items if item.name in housekeeping.summaries and not item.words]
+        shown = [item for item in shown if not item.are_bits]
+        self._item_units = tuple(dict.fromkeys(item.unit for item in shown))
+        rows = housekeeping.rows
+        numbers, utc_ns, values = (np.asarray(rows[name]) for name in ("item", "utc_ns", "value"))
+        for item in shown:
+            mine = numbers == housekeeping.items.index(item)
+            send_item(self._stream, self._item_units.index(item.unit), item.name, utc_ns[mine], values[mine])
+        if shown:
+            self._stream.send_blueprint(self._layout())
 
     def piece_after(self, place: str) -> NextPiece:
         """What came after a place, of the last ten minutes at most: all of it for a place of no such recording.
@@ -307,7 +323,13 @@ class Scene:
             self._stream.send_blueprint(self._layout())
 
     def _layout(self) -> rrb.Blueprint:
-        return layout(self._station, window_s=self._window_s, boresight_icrs=self._boresight_icrs, own=self._shows_own)
+        return layout(
+            self._station,
+            window_s=self._window_s,
+            boresight_icrs=self._boresight_icrs,
+            own=self._shows_own,
+            item_units=self._item_units,
+        )
 
     def event(self, event: LinkEvent) -> None:
         """Show an event of the link in its state bar and in the log."""

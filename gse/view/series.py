@@ -1,5 +1,6 @@
 """Time series of the frames, as rerun columns."""
 
+import zlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,6 +60,9 @@ MEAN_S = 20.0
 def times(utc_ns: Sequence[int] | NDArray[np.int64]) -> rr.TimeColumn:
     """The time column of instants in UTC nanoseconds."""
     return rr.TimeColumn(TIMELINE, timestamp=np.asarray(utc_ns, dtype=np.int64).astype("datetime64[ns]"))
+
+
+_ITEM_COLOURS = (SKY_BLUE, ORANGE, YELLOW, VERMILLION, BLUE, PALE)
 
 
 def begin_series(stream: rr.RecordingStream) -> None:
@@ -149,6 +153,15 @@ def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void], limit
         values = _stacked(errors, axis.column)
         near = np.where(np.abs(values) <= limits.of(axis), values, np.nan)
         _send(stream, f"/near/{path}/own", times(utc_ns), near)
+
+
+def send_item(
+    stream: rr.RecordingStream, graph: int, name: str, utc_ns: NDArray[np.int64], values: NDArray[np.float64]
+) -> None:
+    """The values (N,) of an item of housekeeping, in the graph of its unit."""
+    path = f"/housekeeping/{graph}/{name}"
+    _lines(stream, path, [name], [_ITEM_COLOURS[zlib.crc32(name.encode()) % len(_ITEM_COLOURS)]])
+    _send(stream, path, times(utc_ns), values[:, None])
 
 
 def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: Limits) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rerun
 import rerun.error_utils
+from devices.items_sensor import ITEMS
 from devices.rerun_recording import moving, rows_of
 from rerun.chunk import RrdReader
 from skies.one_by_one import Made, result_of, results_of
@@ -18,6 +19,7 @@ from drivers.chunk import LinkEvent
 from gse.errors import UsageError
 from gse.station.columns import FRAME, STATUSES
 from gse.station.frame_table import FrameTable
+from gse.station.item_table import ITEM, Housekeeping
 from gse.station.results import Status
 from gse.values.instant import NS_PER_S
 from gse.view.blueprint import _title, layout
@@ -365,3 +367,20 @@ def test_what_a_viewer_that_comes_late_will_get_keeps_nothing_else_in_memory() -
     rows = near_rows(session.frames.columns[:], session.station.limits, 3)
     assert len(rows) == 3
     assert rows.base is None
+
+
+def test_the_items_of_housekeeping_are_drawn_in_a_graph_of_their_unit(tmp_path: Path) -> None:
+    session = synthetic_night(20)
+    session.housekeeping = Housekeeping(ITEMS.items)
+    items = np.zeros(6, ITEM)
+    items["utc_ns"] = int(session.frames.columns["utc_ns"][0]) + np.repeat([0, NS_PER_S], 3)
+    items["item"] = np.tile([list(ITEMS.items).index(name) for name in ("supply_v", "detector_degc", "mode")], 2)
+    items["value"] = [5.0, 20.5, 1, 5.25, 21.5, 2]
+    session.housekeeping.extend(items)
+    path = tmp_path / "night.rrd"
+    save_view(session, small_catalog(), path, "PASS", [])
+    found = rows_of(path)
+    assert values(found, "/housekeeping/0/supply_v").ravel().tolist() == [5.0, 5.25]
+    assert values(found, "/housekeeping/1/detector_degc").ravel().tolist() == [20.5, 21.5]
+    assert [row["utc"] for row in moving(found["/housekeeping/0/supply_v"])] == items["utc_ns"][::3].tolist()
+    assert not [name for name in found if "mode" in name]
