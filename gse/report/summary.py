@@ -22,6 +22,7 @@ from gse.statistics.decision import Row as DecisionRow
 from gse.statistics.excuses import excusing
 from gse.statistics.incidents import Incident
 from gse.statistics.metrics import metrics
+from gse.statistics.rates import rate_errors
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
 from gse.statistics.truth_budget import TruthUncertaintyBudget
@@ -125,6 +126,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         report["slew"] = [_slew_step(subject, step) for subject, steps in assessment.slew.items() for step in steps]
     if session.housekeeping.summaries:
         report["housekeeping"] = list(_items(session))
+    if rates := rate_errors(session):
+        report["rates"] = list(rates)
     if session.housekeeping.parameters:
         report["parameters"] = {
             "sha256": parameters_sha256(session.housekeeping),
