@@ -145,6 +145,7 @@ class Protocol:
         found = copy.copy(self)
         addresses = Addresses(own.sensor if sensor is None else sensor, own.host if host is None else host)
         found.frame_layout = dataclasses.replace(self.frame_layout, addresses=addresses)
+        found.commands = {name: dataclasses.replace(of, _protocol=found) for name, of in self.commands.items()}
         return found
 
     @property

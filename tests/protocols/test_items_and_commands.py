@@ -191,6 +191,12 @@ def test_the_bytes_of_a_command_are_those_of_the_description() -> None:
     assert ITEMS.commands["SET_GAIN"].encode(sequence=3, gain=12.5)[:6] == bytes([0xEB, 0x90, 0x74, 1, 3, 25])
 
 
+def test_a_command_goes_to_the_address_that_the_station_states() -> None:
+    protocol = load_protocol("nsp-polled").with_addresses(0x21, 0x22)
+    assert protocol.commands["PING"].encode() == protocol.encode(Command("PING"), 0)
+    assert protocol.commands["PING"].encode() != load_protocol("nsp-polled").commands["PING"].encode()
+
+
 def answers(name: str, given_as: dict[str, object], *frames: Frame) -> tuple[list[bool | None], str]:
     layout = ITEMS.commands[name]
     awaited = layout.awaited(layout.made(**given_as))
