@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from gse.imaging.screen_fit import SeenStars, fit_gamma
 from gse.station.events import StationKind
 from gse.station.frame_table import residuals_of, thinned, xy_px_of
 from gse.station.session_data import SessionData
@@ -78,6 +77,11 @@ def _gamma(stars: NDArray[np.void], session: SessionData, screen: Screen) -> Ite
     """Another brightness law than stated; the catalogue's magnitudes and the stars at rest tell it."""
     if session.stars is None or not session.shown.shown or not len(stars):
         return
+    from gse.imaging.screen_fit import (
+        SeenStars,
+        fit_gamma,
+    )  # optimisers, which sessions under the sky need not wait for
+
     star, utc_ns = stars["star"].astype(np.int64), session.frames.columns["utc_ns"][stars["frame"]]
     nowhere = np.zeros((len(star), 3))
     magnitude, index = session.stars.magnitude[star], stars["brightness"].astype(np.float64)
