@@ -63,6 +63,20 @@ NAMED = (
         "tests/gse/station/test_setup.py",
     ),
     Named(
+        "a fast scene counts",
+        "gse/station/exclusions.py",
+        "shown.rate_deg_per_s > limit_deg_per_s",
+        "shown.rate_deg_per_s > 100 * limit_deg_per_s",
+        "tests/gse/sessions/test_screen_session.py",
+    ),
+    Named(
+        "a step of a rate that fails is passed over",
+        "gse/verdict/requirements.py",
+        "if step.outcome is not Outcome.PASS:",
+        "if step.outcome is Outcome.NOT_TESTED:",
+        "tests/gse/sessions/test_screen_session.py",
+    ),
+    Named(
         "wrong side of a clock step",
         "gse/station/exclusions.py",
         "old_ns, new_ns = event.utc_ns - step_ns, event.utc_ns",
