@@ -201,7 +201,7 @@ def one_exposure(
         vectors = sensor[inside] / np.linalg.norm(sensor[inside], axis=1)[:, None]
         left, _, right = np.linalg.svd(vectors.T @ icrs[inside])
         own = angles_of(left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right)
-        own = (np.array(own) + rng.normal(0, [4, 4, 40]) / 3600 / [np.cos(np.radians(own[1])), 1, 1]).tolist()
+        own = (np.array(own) + rng.normal(0, [2, 2, 20]) / 3600 / [np.cos(np.radians(own[1])), 1, 1]).tolist()
     seen = magnitudes + rng.normal(0, 0.1, len(magnitudes)) + night.dim_mag(at_s)
     inside &= seen < FAINTEST_MAG - 0.4
     if night.hidden is not None:

@@ -105,7 +105,7 @@ def hidden_field(session: SessionData) -> Iterator[Finding]:
     frames = session.frames.columns
     expected = frames["stars_expected"].astype(np.float64)
     fewer = (expected >= FEWEST_UNMATCHED) & (frames["stars_seen"] < _SEEN_SHARE * expected)
-    if session.station.mount.inertial is not None or not fewer.mean() > _LEAST_LOOKS:
+    if session.station.mount.inertial is not None or fewer.sum() <= _LEAST_LOOKS * len(fewer):
         return
     looks = list(_looks(session))
     told = [look for look in looks if look is not None and look[3] < _CHANCE]
