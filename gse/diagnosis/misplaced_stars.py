@@ -142,7 +142,7 @@ def _looks(session: SessionData) -> Iterator[tuple[NDArray[np.float64], int, int
     zenith_sensor = horizon_to_sensor(session.alignment.mount if session.alignment else session.station.mount)[:, 2]
     for row in kept[np.linspace(0, len(kept) - 1, min(_LOOKS, len(kept))).astype(np.int64)].tolist():
         icrs_to_sensor = _attitude(session, row)
-        if icrs_to_sensor is None:
+        if icrs_to_sensor is None or not frames["stars_expected"][row] >= 0:
             continue
         stars_sensor = product(catalog.icrs, icrs_to_sensor.T)
         stars_sensor = stars_sensor[product(stars_sensor, zenith_sensor) > math.sin(math.radians(_LOW_DEG))]
