@@ -160,7 +160,18 @@ def epilog(name: str) -> str | None:
 _LIVE = ("--bind", "--http-port", "--save-rrd", "--json-frames")
 _JUDGED = ("--earth-orientation", "--plots", "--paper")
 ADVANCED: Mapping[str, tuple[str, ...]] = {
-    "run": ("--station", *_LIVE, *_JUDGED, "--identifier", "--scene", "--rates", "--wait-port", "--json"),
+    "run": (
+        "--starts",
+        "--off",
+        "--station",
+        *_LIVE,
+        *_JUDGED,
+        "--identifier",
+        "--scene",
+        "--rates",
+        "--wait-port",
+        "--json",
+    ),
     "procedure run": (
         *("--station", "--from", "--answers", "--operator", "--view", "--out", "--plots", "--paper", "--json"),
         *("--verbose", *_LIVE),

@@ -20,7 +20,7 @@ from gse.config.choice import station_of
 from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import ConfigError, UsageError
-from gse.procedure.file import Procedure, check, duration_s, read_procedure, runs_of
+from gse.procedure.file import Procedure, check, duration_s, parse_procedure, read_procedure, runs_of
 from gse.process import terminal
 from gse.sessions.live import Ending
 from gse.sessions.status_file import is_unfinished, session_folders
@@ -32,6 +32,7 @@ from gse.values.text import count_text
 from protocols import Protocol, load_protocol
 
 if TYPE_CHECKING:
+    from gse.procedure.engine import Run
     from gse.sessions.live import LiveSession
     from gse.station.loop import Listener, StationLoop
     from gse.view.live_state import LiveState
@@ -188,7 +189,7 @@ def run_procedure(
     ctx: click.Context,
     station: Station,
     text: str,
-    procedure: "object",
+    procedure: "Run",
     live: LiveOptions,
     printed: Printed,
     out: Path,
@@ -197,10 +198,8 @@ def run_procedure(
     shown: Sequence[Shown] = (),
 ) -> None:
     """Run a procedure in a session, report on it, and end with the exit code of the verdict."""
-    from gse.procedure.engine import Run
     from gse.sessions.live import Operator, run_live
 
-    assert isinstance(procedure, Run)
     _say_how_power_was_left(out)
     session, notes, waiting = OneSession(None), Notes(), list(shown)
     outputs = LiveOutputs(live, notes=notes)
@@ -234,6 +233,54 @@ def run_procedure(
             show_report(report, session.folder or out, printed, json_frames=live.json_frames)
         terminal.settle()
         ctx.exit(session.finish(report, found))
+
+
+_STARTS = """\
+version: 1
+name: {times} starts
+steps:
+  - repeat:
+      times: {times}
+      steps:
+        - power: off
+        - wait: {{for: {off_s:g}s}}
+        - power: on
+        - wait: {{until: {{state: acquired}}, at_most: 2 min, measure: first_fix_s}}
+          on_failure: go on
+{check}cleanup:
+  - power: on
+"""
+_SHARE = 0.95
+"""Of the starts, which must keep limits.first_fix_s."""
+
+
+def run_starts(
+    ctx: click.Context,
+    station: Station,
+    text: str,
+    times: int,
+    off_s: float,
+    live: LiveOptions,
+    printed: Printed,
+    out: Path,
+    *,
+    plots: bool,
+) -> None:
+    """Switch the sensor off and on again and again, and judge its first fix: a procedure of one repeat."""
+    from gse.procedure.desk import Desk
+    from gse.procedure.engine import Run
+
+    limit_s = station.limits.first_fix_s
+    asked = f"  - check: {{first_fix_s: {{share: {_SHARE}, at_most: {limit_s:g}}}}}\n" if limit_s else ""
+    procedure = parse_procedure(_STARTS.format(times=times, off_s=off_s, check=asked), "--starts")
+    protocol = addressed(load_protocol(station.protocol), station)
+    if problems := check(procedure, station, protocol):
+        raise UsageError(problems[0])
+    shown: list[Shown] = []
+    if station.port.url.startswith("sim://"):
+        station, text = simulated(*_long_enough(station, text, procedure), shown)
+    one = Run(procedure, Desk(name=station.test.operator or ""), say=say_line)
+    run_procedure(ctx, station, text, one, live, printed, out, plots=plots, shown=shown)
 
 
 _REST_S = 600.0

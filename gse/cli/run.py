@@ -169,6 +169,14 @@ _MOST_LISTED = 3
     type=click.Choice(("night",)),
     help="A session each night, from dusk until dawn.",
 )
+@click.option("--starts", type=click.IntRange(1, 200), help="Switch the sensor off and on so often; first fix of each.")
+@click.option(
+    "--off",
+    "off_s",
+    metavar="TIME",
+    callback=duration_option(least_s=0.1),
+    help="With --starts: off so long: 5s.",
+)
 @live_options
 @scene_option
 @click.option(
@@ -195,6 +203,8 @@ def command(
     from_text: str | None,
     until_text: str | None,
     every: str | None,
+    starts: int | None,
+    off_s: float | None,
     live: LiveOptions,
     scene: str | None,
     rates: str | None,
@@ -220,6 +230,14 @@ def command(
         if detached:
             raise UsageError("--every night needs its process; leave out --detach, and start it by systemd or nohup")
         ctx.exit(run_every_night(sys.argv[1:], out, say_line))
+    if starts is not None:
+        if any((duration_s, from_text, until_text, scene, detached, wait_port)):
+            raise UsageError(
+                "--starts is a session of its own: leave out --duration, --from, --until, --scene, --detach"
+            )
+        from gse.cli.procedure import run_starts
+
+        run_starts(ctx, station, text, starts, off_s or 5.0, live, printed, out, plots=plots)
     session = OneSession(detach() if detached else None)
     shown: list[Shown] = []
     stage = None

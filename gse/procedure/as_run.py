@@ -231,7 +231,7 @@ class Start:
 
 
 def starts(session: SessionData) -> tuple[Start, ...]:
-    """The starts of a session, in their order."""
+    """The starts of a session, in their order; a supply that is on already does not start the sensor."""
     turns = [
         (event.utc_ns, event.kind == StationKind.POWER_ON)
         for event in session.events
@@ -239,6 +239,7 @@ def starts(session: SessionData) -> tuple[Start, ...]:
     ]
     came_ns = session.frames.columns["host_utc_ns"]
     answered = session.frames.columns["status"] == STATUSES.index(Status.IDENTIFIED)
+    turns = [turn for n, turn in enumerate(turns) if n == 0 or turn[1] != turns[n - 1][1]]
     found = []
     for (utc_ns, is_on), (until_ns, _) in pairwise([*turns, (LAST_NS, False)]):
         if is_on:

@@ -106,6 +106,7 @@ def test_starts_have_their_first_panorama_and_their_first_answer():
     on_ns = int(came_ns[100]) - 3 * NS_PER_S // 2
     made.events += [
         LinkEvent(on_ns, 0, StationKind.POWER_ON, "on"),
+        LinkEvent(on_ns + NS_PER_S, 0, StationKind.POWER_ON, "on again, which starts nothing"),
         LinkEvent(int(came_ns[200]), 0, StationKind.POWER_OFF, "off"),
         LinkEvent(int(came_ns[-1]) + 1, 0, StationKind.POWER_ON, "on"),
     ]

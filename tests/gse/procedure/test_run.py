@@ -174,3 +174,17 @@ def test_a_watched_stretch_has_its_own_limits(run):
     assert ran.steps["1"]["outcome"] == "FAIL"
     assert [row["name"] for row in ran.steps["1"]["rows"] if row["outcome"] == "FAIL"] == ["output rate"]
     assert ran.report["verdict"] == "FAIL"
+
+
+def test_starts_in_one_line_are_judged_by_the_limit_of_the_station(gse, tmp_path):
+    (tmp_path / "station.yaml").write_text(f"{STATION}limits: {{first_fix_s: 10, decision: simple}}\n")
+    options = ("--starts", "4", "--off", "3s", "--out", tmp_path / "out", "--no-plots")
+    done = gse("run", tmp_path / "station.yaml", *options)
+    (folder,) = (tmp_path / "out").iterdir()
+    report = json.loads((folder / "report.json").read_text())
+    steps = {step["number"]: step for step in report["procedure"]["steps"]}
+    assert (done.code, report["verdict"]) == (0, "PASS")
+    assert steps["2"]["seen"].startswith("first_fix_s: 4 of 4 within 10")
+    assert report["procedure"]["starts"]["first_fix"]["n"] == 4
+    assert report["procedure"]["starts"]["first_fix"]["p95_bound_s"] is None  # of four
+    assert "a session of its own" in gse("run", "--starts", "4", "--duration", "5s").err
