@@ -1,7 +1,7 @@
 """The ground test station for a star sensor: panoramas in, RA and DE against sidereal truth out.
 
 Each package is a room, named after its part in the way of a panorama. ARCHITECTURE.md is the plan. For notebooks:
-``gse.load``, ``gse.judge`` and ``gse.identify`` (gse.api), imported when they are first used.
+``gse.load``, ``gse.judge``, ``gse.identify`` and ``gse.session`` (gse.api), imported when they are first used.
 """
 
 from __future__ import annotations  # for the Pythons that gse.__main__ answers and does not run on
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from gse.api import identify as identify
     from gse.api import judge as judge
     from gse.api import load as load
+    from gse.api import session as session
 
-__all__ = ["identify", "judge", "load"]
+__all__ = ["identify", "judge", "load", "session"]
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""The Python interface: ``gse.load``, ``gse.judge``, ``gse.identify``.
+"""The Python interface: ``gse.load``, ``gse.judge``, ``gse.identify``, ``gse.session``.
 
 Small and stable: names, parameters and columns stay within a schema version. docs/python.md is an example that runs.
 Errors are of gse.errors, drivers.errors and protocols.errors, each with one or two lines for a person.
@@ -27,6 +27,7 @@ from gse.report.stars_table import stars_schema
 from gse.report.table_columns import SCHEMA_VERSION
 from gse.sessions.kept_results import Judged, judged_session, result_key
 from gse.sessions.replay import replay_session
+from gse.sessions.stepped import SteppedSession
 from gse.station.frame_results import FrameResult
 from gse.station.loop import StationLoop
 from gse.station.setup import set_up
@@ -106,6 +107,14 @@ def load(path: str | Path) -> Results:
         return Results(lambda table: _of_data_set(path, table))
     tables = _of_session(path)
     return Results(lambda table: getattr(tables, table))
+
+
+def session(station: str | Path | None = None, *, out: str | Path = "sessions") -> SteppedSession:
+    """A session whose steps the program gives, for a ``with`` block; docs/python-tests.md shows it at work.
+
+    ``station`` is a station file, the simulated sensor without one; ``out`` gets the folder of the session.
+    """
+    return SteppedSession(station, out=out)
 
 
 def judge(

@@ -16,7 +16,8 @@ from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.host_files import APPEND, READ
 from drivers.mock.urls import parse_mock_url, sim_url
-from drivers.urlhandlers.protocol_sim import register
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import EVENTS, RecordedMessage
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.finish import (
     Applied,
@@ -44,19 +45,24 @@ from gse.config.choice import station_of, with_identifier
 from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import GseError, UsageError
+from gse.procedure.file import Procedure, check, duration_s, parse_procedure
 from gse.process import terminal
 from gse.sessions import night
 from gse.sessions.live import Ending
 from gse.sessions.night import run_every_night
 from gse.sessions.status_file import is_unfinished, session_folders
+from gse.station.events import StationKind
 from gse.station.notes import Notes
+from gse.station.setup import addressed
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
 from gse.values.instant import NS_PER_S
 from gse.values.shown import Shown
+from protocols import load_protocol
 from protocols.errors import ProtocolError
 
 if TYPE_CHECKING:
+    from gse.procedure.engine import Run
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
     from gse.station.loop import Listener, StationLoop
@@ -235,14 +241,14 @@ def command(
             raise UsageError(
                 "--starts is a session of its own: leave out --duration, --from, --until, --scene, --detach"
             )
-        from gse.cli.procedure import run_starts
-
         run_starts(ctx, station, text, starts, off_s or 5.0, live, printed, out, plots=plots)
     session = OneSession(detach() if detached else None)
     shown: list[Shown] = []
     stage = None
     if station.port.url.startswith("sim://"):
-        station, text = simulated(*_with_scene(station, text, scene, rates), shown)
+        from gse.sessions.stepped import simulated_station
+
+        station, text = simulated_station(*_with_scene(station, text, scene, rates), shown)
     elif station.screen is not None or scene is not None or rates is not None:
         stage = stage_of(station, scene, rates)
     notes = Notes()
@@ -440,15 +446,130 @@ def _taken(news: list[Shown]) -> Callable[[], list[Shown]]:
     return take
 
 
-def simulated(station: Station, text: str, shown: list[Shown]) -> tuple[Station, str]:
-    """The station with the changes of the scenario in its sim:// URL; registers the simulated sensor.
+# Procedures in a session: of a file (gse procedure), or of the one repeat that --starts is.
 
-    What the scenario's scene shows is added to ``shown``.
-    """
-    from gse.simulator import device_factory
-    from gse.simulator.device import scenario_of
+_SPARE_S = 60.0
+"""A simulated sensor goes on for so long after the longest time that the steps take."""
 
-    register(device_factory(station))
-    scenario = scenario_of(parse_mock_url(station.port.url).options, station)
-    shown += scenario.shown(scenario.start_utc_ns)
-    return scenario.station_for(station), scenario.station_text(text)
+
+def simulated_for(station: Station, text: str, procedure: Procedure, shown: list[Shown]) -> tuple[Station, str]:
+    """The station with a simulated sensor that goes on until the last step is done."""
+    from gse.sessions.stepped import endless, simulated_station
+
+    _, longest_s = duration_s((*procedure.steps, *procedure.cleanup))
+    return simulated_station(*endless(station, text, longest_s + _SPARE_S), shown)
+
+
+def run_procedure(
+    ctx: click.Context,
+    station: Station,
+    text: str,
+    procedure: "Run",
+    live: LiveOptions,
+    printed: Printed,
+    out: Path,
+    *,
+    plots: bool,
+    shown: Sequence[Shown] = (),
+) -> None:
+    """Run a procedure in a session, report on it, and end with the exit code of the verdict."""
+    from gse.sessions.live import Operator, run_live
+
+    _say_how_power_was_left(out)
+    session, notes, waiting = OneSession(None), Notes(), list(shown)
+    outputs = LiveOutputs(live, notes=notes)
+
+    def taken() -> Sequence[Shown]:
+        found, waiting[:] = list(waiting), []
+        return found
+
+    def listeners(loop: "StationLoop", folder: Path, state: "LiveState") -> "Sequence[Listener]":
+        procedure.desk.on_page = lambda words: setattr(state, "question", words)
+        return outputs.listeners(loop, folder, state)
+
+    def receive() -> "LiveSession":
+        received = run_live(
+            station,
+            text,
+            out,
+            Operator(ending, say_line, session.opened, session.terminal_news, notes, taken),
+            make_listeners=listeners,
+            procedure=procedure,
+        )
+        outputs.enter_judging()
+        return received
+
+    with Ending(say_line, rest_s=_REST_S) as ending, terminal.queued(waits_for_reader(station, ending)), outputs:
+        report, found = session.run(receive, ending, None, plots=plots)
+        if report:
+            outputs.conclude(report)
+        terminal.settle()
+        if report:
+            show_report(report, session.folder or out, printed, json_frames=live.json_frames)
+        terminal.settle()
+        ctx.exit(session.finish(report, found))
+
+
+_STARTS = """\
+version: 1
+name: {times} starts
+steps:
+  - repeat:
+      times: {times}
+      steps:
+        - power: off
+        - wait: {{for: {off_s:g}s}}
+        - power: on
+        - wait: {{until: {{state: acquired}}, at_most: 2 min, measure: first_fix_s}}
+          on_failure: go on
+{check}cleanup:
+  - power: on
+"""
+_SHARE = 0.95
+"""Of the starts, which must keep limits.first_fix_s."""
+
+
+def run_starts(
+    ctx: click.Context,
+    station: Station,
+    text: str,
+    times: int,
+    off_s: float,
+    live: LiveOptions,
+    printed: Printed,
+    out: Path,
+    *,
+    plots: bool,
+) -> None:
+    """Switch the sensor off and on again and again, and judge its first fix: a procedure of one repeat."""
+    from gse.procedure.desk import Desk
+    from gse.procedure.engine import Run
+
+    limit_s = station.limits.first_fix_s
+    asked = f"  - check: {{first_fix_s: {{share: {_SHARE}, at_most: {limit_s:g}}}}}\n" if limit_s else ""
+    procedure = parse_procedure(_STARTS.format(times=times, off_s=off_s, check=asked), "--starts")
+    protocol = addressed(load_protocol(station.protocol), station)
+    if problems := check(procedure, station, protocol):
+        raise UsageError(problems[0])
+    shown: list[Shown] = []
+    if station.port.url.startswith("sim://"):
+        station, text = simulated_for(station, text, procedure, shown)
+    one = Run(procedure, Desk(name=station.test.operator or ""), say=say_line)
+    run_procedure(ctx, station, text, one, live, printed, out, plots=plots, shown=shown)
+
+
+_REST_S = 600.0
+"""After a signal the cleanup is done first: programs of the supply may take long."""
+
+
+def _say_how_power_was_left(out: Path) -> None:
+    """Of the newest run that ended without a report: whether the supply is on, as its events say."""
+    unfinished = [folder for folder in session_folders(out) if is_unfinished(folder)]
+    with contextlib.suppress(DriverError, OSError):
+        for folder in unfinished[-1:]:
+            records = read_capture(folder / "session.mcap", only=(EVENTS,))
+            kinds = [record.event().kind for record in records if isinstance(record, RecordedMessage)]
+            turns = [kind for kind in kinds if kind in (StationKind.POWER_ON, StationKind.POWER_OFF)]
+            if turns:
+                word = "on" if turns[-1] == StationKind.POWER_ON else "off"
+                say_line(f"the run in {folder} ended without a report: its last power command was {word}")

@@ -9,10 +9,12 @@ Time is that of the data: of the host's clock on a live port, of the simulation 
 """
 
 import math
+import queue
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import Future
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
+from typing import Any
 from typing import Protocol as Interface
 
 import numpy as np
@@ -99,10 +101,16 @@ class Bench(Interface):
 
 
 @dataclass(frozen=True, slots=True)
-class _Done:
+class Done:
+    """The outcome of a step, what was seen, and who answered; true where it is PASS."""
+
     outcome: StepOutcome
     seen: str = ""
     by: str = ""
+
+    def __bool__(self) -> bool:
+        """Whether it passed."""
+        return self.outcome is StepOutcome.PASS
 
     @property
     def ends(self) -> bool:
@@ -110,7 +118,7 @@ class _Done:
         return self.outcome in (StepOutcome.FAIL, StepOutcome.NOT_DONE)
 
 
-_Ticks = Generator[None, None, _Done]
+_Ticks = Generator[None, None, Done]
 
 
 class _Interrupted(Exception):  # noqa: N818  # it is no error
@@ -242,13 +250,16 @@ class Run:
             self._leave(step, ended)
         for step in self.procedure.cleanup:
             yield from self._step(step, step.number)
+        self._record_end()
+
+    def _record_end(self) -> None:
         left = f"the supply was left {self._power}" if self._power else "the supply was not switched"
         self.bench.record(StationKind.PROCEDURE_ENDED, left)
 
     def _leave(self, step: Step, reason: str) -> None:
-        self._record_done(step, step.number, _Done(StepOutcome.NOT_DONE, reason))
+        self._record_done(step, step.number, Done(StepOutcome.NOT_DONE, reason))
 
-    def _record_done(self, step: Step, number: str, done: _Done) -> None:
+    def _record_done(self, step: Step, number: str, done: Done) -> None:
         text = event_text(number, done.outcome, step.planned, done.seen, done.by)
         self.bench.record(StationKind.STEP_DONE, text)
         self._say(f"step {number} {done.outcome}: {done.seen or step.planned}")
@@ -259,10 +270,10 @@ class Run:
         try:
             done = yield from self._act(step.act, number)
         except _Interrupted as reason:
-            self._record_done(step, number, _Done(StepOutcome.NOT_DONE, f"interrupted by {reason}"))
+            self._record_done(step, number, Done(StepOutcome.NOT_DONE, f"interrupted by {reason}"))
             raise
         except PortError as error:
-            done = _Done(StepOutcome.NOT_DONE, f"the port is gone: {error}")
+            done = Done(StepOutcome.NOT_DONE, f"the port is gone: {error}")
         finally:
             self._frames = None
         self._record_done(step, number, done)
@@ -298,7 +309,7 @@ class Run:
     def _ask(self, question: Question, at_most_s: float) -> _Ticks:
         desk, began_ns = self.desk, read_clock().mono_ns
         if self._hurries or not desk.can_answer(question):
-            return _Done(StepOutcome.NOT_DONE, "nobody can answer: run it in a terminal, with --view web or --answers")
+            return Done(StepOutcome.NOT_DONE, "nobody can answer: run it in a terminal, with --view web or --answers")
         desk.ask(question)
         try:
             while (read_clock().mono_ns - began_ns) / NS_PER_S < at_most_s:
@@ -310,28 +321,28 @@ class Run:
                     continue
                 answer, by = given
                 if question.confirms and answer.lower() in STOPS:
-                    return _Done(StepOutcome.NOT_DONE, f"the operator says {answer}", by)
+                    return Done(StepOutcome.NOT_DONE, f"the operator says {answer}", by)
                 if problem := question.problem(answer):
                     if by == "answers file":
-                        return _Done(StepOutcome.FAIL, problem, by)
+                        return Done(StepOutcome.FAIL, problem, by)
                     desk.ask(question)
                     continue
-                return _Done(StepOutcome.PASS, answer or "done", by)
+                return Done(StepOutcome.PASS, answer or "done", by)
         finally:
             desk.answered()
-        return _Done(StepOutcome.NOT_DONE, f"the operator did not answer within {at_most_s:g} s")
+        return Done(StepOutcome.NOT_DONE, f"the operator did not answer within {at_most_s:g} s")
 
     def _switch(self, *, on: bool) -> _Ticks:
         self._act_now()
         future = self.bench.switch(on=on)
         if future is None:
-            return _Done(StepOutcome.NOT_DONE, "the station file has no power: {on, off}")
+            return Done(StepOutcome.NOT_DONE, "the station file has no power: {on, off}")
         while not future.done() and self.bench.is_live and not self._hurries:
             yield
         ran = future.result(_CLEANUP_S)
         word = "on" if on else "off"
         self._power = word if ran.is_done else f"as nobody knows: power {word} failed"
-        return _Done(StepOutcome.PASS if ran.is_done else StepOutcome.NOT_DONE, ran.words or f"switched {word}")
+        return Done(StepOutcome.PASS if ran.is_done else StepOutcome.NOT_DONE, ran.words or f"switched {word}")
 
     def _act_now(self) -> None:
         """Something is done to the sensor: what it said before does not count any more."""
@@ -341,8 +352,8 @@ class Run:
         while (passed_s := self._passed_s()) < for_s and not self._hurries:
             yield
         if passed_s < for_s:
-            return _Done(StepOutcome.NOT_DONE, "no time was left to wait")
-        return _Done(StepOutcome.PASS, f"waited {passed_s:.1f} s")
+            return Done(StepOutcome.NOT_DONE, "no time was left to wait")
+        return Done(StepOutcome.PASS, f"waited {passed_s:.1f} s")
 
     def _wait(self, act: Wait) -> _Ticks:
         condition = Condition(act.until, items_of(self.bench.protocol))
@@ -351,13 +362,13 @@ class Run:
                 if act.measure:
                     self._measured[act.measure].append(math.inf)
                 if self.seen.link == "no port":
-                    return _Done(StepOutcome.NOT_DONE, f"the port is gone; {differs}")
-                return _Done(StepOutcome.FAIL, f"after {act.at_most_s:g} s {differs}")
+                    return Done(StepOutcome.NOT_DONE, f"the port is gone; {differs}")
+                return Done(StepOutcome.FAIL, f"after {act.at_most_s:g} s {differs}")
             yield
         took_s = self._took_s(act.until)
         if act.measure:
             self._measured[act.measure].append(took_s)
-        return _Done(StepOutcome.PASS, f"{act.measure or 'it came after'} {took_s:.3f} s")
+        return Done(StepOutcome.PASS, f"{act.measure or 'it came after'} {took_s:.3f} s")
 
     def _took_s(self, until: Mapping[str, object]) -> float:
         """From the last command, or switch of the supply, until what made the conditions hold had come."""
@@ -384,11 +395,11 @@ class Run:
     def _send(self, act: Send) -> _Ticks:
         layout = self.bench.protocol.commands.get(act.command)
         if layout is None:
-            return _Done(StepOutcome.NOT_DONE, f"the protocol has no command {act.command}")
+            return Done(StepOutcome.NOT_DONE, f"the protocol has no command {act.command}")
         try:
             command = layout.made(**act.arguments)
         except EncodeError as error:
-            return _Done(StepOutcome.NOT_DONE, str(error))
+            return Done(StepOutcome.NOT_DONE, str(error))
         awaited = layout.awaited(command)
         self._sequence = (self._sequence + 1) % (self.bench.protocol.sequence_modulus or 1)
         frames: list[Frame] = []
@@ -396,20 +407,20 @@ class Run:
         self._act_now()
         self.bench.send(awaited.sent(self._sequence))
         if layout.answer == NO_ANSWER:
-            return _Done(StepOutcome.PASS, "sent; the protocol has no answer that proves it")
+            return Done(StepOutcome.PASS, "sent; the protocol has no answer that proves it")
         at_most_s = act.at_most_s or layout.timeout_s
         while self._passed_s() < at_most_s and not self._hurries:
             while frames:
                 if (answer := awaited.take(frames.pop(0))) is not None:
                     outcome = StepOutcome.PASS if answer.is_done else StepOutcome.FAIL
-                    return _Done(outcome, f"{answer.text} after {self._passed_s():.2f} s")
+                    return Done(outcome, f"{answer.text} after {self._passed_s():.2f} s")
             yield
         if self._hurries:
-            return _Done(StepOutcome.INCONCLUSIVE, "sent; its answer was not awaited")
+            return Done(StepOutcome.INCONCLUSIVE, "sent; its answer was not awaited")
         if self.seen.link == "no port":
-            return _Done(StepOutcome.NOT_DONE, "the port is gone")
+            return Done(StepOutcome.NOT_DONE, "the port is gone")
         came = f"; {awaited.wrong}" if awaited.wrong else ""
-        return _Done(StepOutcome.FAIL, f"no answer within {at_most_s:g} s: expected {layout.expected}{came}")
+        return Done(StepOutcome.FAIL, f"no answer within {at_most_s:g} s: expected {layout.expected}{came}")
 
     def _check(self, act: Check) -> _Ticks:
         words, outcomes = [], []
@@ -417,7 +428,7 @@ class Run:
             while missing := act.items.keys() - (values := self._values()).keys():
                 if self._passed_s() >= act.at_most_s or self._hurries:
                     names = ", ".join(sorted(missing))
-                    return _Done(StepOutcome.INCONCLUSIVE, f"after {act.at_most_s:g} s no value of {names} had come")
+                    return Done(StepOutcome.INCONCLUSIVE, f"after {act.at_most_s:g} s no value of {names} had come")
                 yield
             differs = Condition(act.items, items_of(self.bench.protocol)).what_differs(values)
             words.append(differs or ", ".join(f"{name} is {_in_words(values[name])}" for name in act.items))
@@ -427,7 +438,7 @@ class Run:
             words.append(text)
             outcomes.append(outcome)
         worst = next(one for one in (StepOutcome.FAIL, StepOutcome.INCONCLUSIVE, StepOutcome.PASS) if one in outcomes)
-        return _Done(worst, "; ".join(words))
+        return Done(worst, "; ".join(words))
 
     def _share(self, asked: ShareOf) -> tuple[StepOutcome, str]:
         """Decided by the exact bounds of a binomial: as the order statistic of the values against the limit."""
@@ -446,10 +457,10 @@ class Run:
         while self._passed_s() < act.for_s and not self._hurries:
             yield
         if self._hurries:
-            return _Done(StepOutcome.NOT_DONE, f"watched for {self._passed_s():.0f} of {act.for_s:g} s")
+            return Done(StepOutcome.NOT_DONE, f"watched for {self._passed_s():.0f} of {act.for_s:g} s")
         outcome, words = self.bench.judge(from_ns, self.bench.now()[0], act)
         came = len(self.bench.session.frames) - frames
-        return _Done(StepOutcome(outcome), f"{came} frames: {words or 'every row keeps its limit'}")
+        return Done(StepOutcome(outcome), f"{came} frames: {words or 'every row keeps its limit'}")
 
     def _repeat(self, act: Repeat, number: str) -> _Ticks:
         outcomes = set()
@@ -458,9 +469,60 @@ class Run:
                 done = yield from self._step(step, f"{number}.{turn}.{n}")
                 outcomes.add(done.outcome)
                 if done.ends and not step.goes_on:
-                    return _Done(done.outcome, f"round {turn} of {act.times}: {done.seen}")
+                    return Done(done.outcome, f"round {turn} of {act.times}: {done.seen}")
         worst = next((one for one in _WORST_FIRST if one in outcomes), StepOutcome.PASS)
-        return _Done(worst, f"{act.times} rounds")
+        return Done(worst, f"{act.times} rounds")
+
+
+class OpenRun(Run):
+    """A run whose steps a caller on another thread gives; ``on_begin`` is called when the first may be given."""
+
+    def __init__(self, procedure: Procedure, desk: Desk) -> None:
+        super().__init__(procedure, desk)
+        self._asked: queue.Queue[tuple[Step, Future[Done]] | None] = queue.Queue()
+        self._reason = ""
+        self.on_begin: Callable[[], None] = lambda: None
+
+    def do(self, step: Step, session: "Future[Any]") -> Done:
+        """Have a step done and wait for its outcome; raises what ended the ``session`` meanwhile."""
+        result: Future[Done] = Future()
+        self._asked.put((step, result))
+        wait([result, session], return_when=FIRST_COMPLETED)
+        if not result.done():
+            session.result()
+        return result.result(0)
+
+    def end(self, reason: str = "") -> None:
+        """No more steps; ``reason`` says what went wrong with the caller."""
+        self._reason = reason
+        self._asked.put(None)
+
+    def _run(self) -> Generator[None, None, None]:
+        yield
+        self.on_begin()
+        result: Future[Done] | None = None
+        try:
+            while True:
+                try:
+                    # The time of a simulation stands still while its caller thinks.
+                    asked = self._asked.get(not self.bench.is_live, _PERSON_S)
+                except queue.Empty:
+                    if self.bench.is_live or self.bench.interrupted():
+                        yield
+                    continue
+                if asked is None:
+                    break
+                step, result = asked
+                done = yield from self._step(step, step.number)
+                result.set_result(done)
+        except _Interrupted as reason:
+            self._reason = str(reason)
+            if result is not None and not result.done():
+                result.set_result(Done(StepOutcome.NOT_DONE, self._reason))
+        if self._reason:
+            text = event_text("0", StepOutcome.NOT_DONE, "the steps of the program", self._reason, "")
+            self.bench.record(StationKind.STEP_DONE, text)
+        self._record_end()
 
 
 _WORST_FIRST = (StepOutcome.FAIL, StepOutcome.NOT_DONE, StepOutcome.INCONCLUSIVE)

@@ -114,7 +114,7 @@ def test_gse_alone_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
     with pytest.raises(AttributeError, match="no attribute 'jugde'"):
         _ = gse.jugde  # type: ignore[attr-defined]
-    assert dir(gse) == ["identify", "judge", "load"]
+    assert dir(gse) == ["identify", "judge", "load", "session"]
 
 
 def test_a_verdict_is_five_lines_and_a_table_in_a_notebook(session) -> None:
