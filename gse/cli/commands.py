@@ -53,7 +53,7 @@ EXAMPLES = {
     "procedure": ("gse procedure init test.yaml", "gse procedure run test.yaml"),
     "procedure run": ("gse procedure run test.yaml --view web", "gse procedure run test.yaml --answers answers.yaml"),
     "procedure check": ("gse procedure check test.yaml", "gse procedure check tests/roof.yaml"),
-    "procedure init": ("gse procedure init test.yaml", "gse procedure init tests/roof.yaml"),
+    "procedure init": ("gse procedure init test.yaml", "gse procedure init starts.yaml acquisition"),
     "status": ("gse status", "gse status --stop sessions/20260320T183000Z-ST-1"),
     "replay": (
         "gse replay sessions/20260320T183000Z-ST-1/session.mcap --identifier pivot",

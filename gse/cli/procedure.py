@@ -1,5 +1,6 @@
 """``gse procedure``: run a test by its steps, check its file, write one to start from."""
 
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,25 +25,7 @@ if TYPE_CHECKING:
 
 _MOST_PROBLEMS = 10
 
-_FIRST = """\
-# A procedure: steps that are done one after the other, and a cleanup that is done whatever happened.
-# Run it:    gse procedure run {name}
-# Check it:  gse procedure check {name}
-version: 1
-name: {title}
-station: {station}          # a station file, relative to this file
-steps:
-  - tell: Take the cap off.                                      # the operator confirms
-  - ask: {{label: serial, text: Serial number on the housing}}     # expect: a pattern, such as "SN \\\\d+"
-  - wait: {{until: {{state: acquired}}, at_most: 60s}}               # or: {{for: 5s}}
-  - check: {{stars: [4, null]}}                                    # items with a value, or [low, high]
-  - watch: {{for: 2 min, limits: {{d_ra_cosde_arcsec: 60}}}}         # judged as a session is
-# - power: on                                                    # where the station file has power: {{on, off}}
-# - send: {{command: SET_EXPOSURE, exposure: 200 ms}}
-# - repeat: {{times: 30, steps: [..]}}
-cleanup:
-  - wait: {{for: 1s}}
-"""
+_EXAMPLES = ("functional", "acquisition", "night")
 
 
 @click.group("procedure")
@@ -126,13 +109,12 @@ def check_command(path: Path) -> None:
 
 @command.command()
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-def init(path: Path) -> None:
-    """Write a procedure with one step of each kind to start from."""
+@click.argument("like", metavar="[EXAMPLE]", type=click.Choice(_EXAMPLES), default=_EXAMPLES[0])
+def init(path: Path, like: str) -> None:
+    """Write a procedure to start from: the EXAMPLE functional, acquisition or night."""
     if path.exists():
         raise UsageError(f"{path} exists; give another name, or remove it")
-    text = _FIRST.format(name=path, title=path.stem, station="station.yaml")
-    if not (path.parent / "station.yaml").exists():
-        text = text.replace("station: station.yaml ", "# station: station.yaml ")
+    text = resources.files("gse.procedure").joinpath("examples", f"{like}.yaml").read_text(encoding="utf-8")
     try:
         write_whole(path, [text])
     except OSError as error:

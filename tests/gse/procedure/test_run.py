@@ -188,3 +188,20 @@ def test_starts_in_one_line_are_judged_by_the_limit_of_the_station(gse, tmp_path
     assert report["procedure"]["starts"]["first_fix"]["n"] == 4
     assert report["procedure"]["starts"]["first_fix"]["p95_bound_s"] is None  # of four
     assert "a session of its own" in gse("run", "--starts", "4", "--duration", "5s").err
+
+
+ANSWERS = {"serial": "ST 1", "weather": "clear", **{str(number): "done" for number in range(1, 10)}}
+
+
+@pytest.mark.parametrize(("like", "steps"), [("functional", 16), ("acquisition", 3 + 30 * 4 + 1), ("night", 9)])
+def test_the_examples_run_from_start_to_end_on_a_simulated_sensor(gse, tmp_path, like, steps):
+    test, answers = tmp_path / f"{like}.yaml", tmp_path / "answers.yaml"
+    assert gse("procedure", "init", test, like).code == 0
+    assert gse("procedure", "check", test).code == 0
+    answers.write_text(json.dumps(ANSWERS))
+    options = ("--answers", answers, "--out", tmp_path / "out", "--no-plots")
+    ran = Ran(gse("procedure", "run", test, *options), tmp_path / "out")
+    assert {number: outcome for number, outcome in ran.outcomes().items() if outcome != "PASS"} == {}, ran.err
+    assert len(ran.steps) == steps
+    assert (ran.code, ran.report["conclusion"]["headline"]) == (0, "PASS (SIMULATED)")
+    assert "exists; give another name" in gse("procedure", "init", test).err
