@@ -42,6 +42,10 @@ def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
         raise UsageError(plain_lines(f"DuckDB: {error}")) from error
 
 
+STEPS = "steps"
+"""The steps of all runs of procedures, one a row; a view of the column of that name."""
+
+
 def connect(dataset: DataSet, sql: str) -> duckdb.DuckDBPyConnection:
     """A connection with tables of a data set as views: sessions, and those that a question names, or all.
 
@@ -59,6 +63,11 @@ def connect(dataset: DataSet, sql: str) -> duckdb.DuckDBPyConnection:
         connection.register(SESSIONS, dataset.sessions())
     else:
         connection.execute(f"create view {SESSIONS} as select * from read_parquet('{_quoted(dataset, index)}')")
+    if STEPS in sql.lower():
+        connection.execute(
+            f"create view {STEPS} as select key, sensor, night, procedure, step.* "
+            f"from (select key, sensor, night, procedure, unnest(steps) as step from {SESSIONS})"
+        )
     if REPORTS in named or not named:
         files = _quoted(dataset, f"{SESSIONS}/*/*/*.parquet")
         connection.execute(f"create view {REPORTS} as select key, {REPORT_COLUMN} from read_parquet('{files}')")
