@@ -228,6 +228,11 @@ class SerialLink:
         """Bytes received from a live port and not yet fetched."""
         return self._live.backlog_bytes if self._live else 0
 
+    @property
+    def has_news(self) -> bool:
+        """Whether chunks or events of a live port have not been fetched yet."""
+        return self._live is not None and self._live.has_news
+
     def utc_ns(self) -> int:
         """UTC nanoseconds now: the host's for a live port, else those of the data, 0 before the first."""
         return now()[0] if self._stamped is None else self._stamped.stamp()[0]
@@ -354,6 +359,10 @@ class _Receiver:
     @property
     def backlog_bytes(self) -> int:
         return self._received_bytes - self._fetched_bytes
+
+    @property
+    def has_news(self) -> bool:
+        return not self._items.empty()
 
     def fetch(self, timeout_s: float, most: int) -> list[Item]:
         items: list[Item] = []

@@ -157,9 +157,11 @@ class Seen:
         self.sky = _SKY_OF.get(event.kind, self.sky)  # type: ignore[call-overload]
 
     def state(self, now_ns: int) -> str:
-        """The state of the sensor: acquired, searching or silent."""
-        if not self.frame_ns or now_ns - self.frame_ns > SILENT_NS:
+        """The state of the sensor: acquired, searching or silent; empty where nothing is known yet."""
+        if now_ns - max(self.frame_ns, self.since_ns) > SILENT_NS:
             return "silent"
+        if not self.frame_ns:
+            return ""
         return "acquired" if self.is_answered else "searching"
 
 
@@ -382,7 +384,8 @@ class Run:
     def _values(self) -> dict[str, ItemValue]:
         """The items that came since the last command, and what the station knows."""
         seen, session = self.seen, self.bench.session
-        values: dict[str, ItemValue] = {"state": seen.state(self.bench.now()[0]), "link": seen.link, "sky": seen.sky}
+        known = {"state": seen.state(self.bench.now()[0]), "link": seen.link, "sky": seen.sky}
+        values: dict[str, ItemValue] = {name: word for name, word in known.items() if word}
         if seen.frame_ns and not math.isnan(seen.stars):
             values["stars"] = seen.stars
         if session.power and session.power[-1].utc_ns >= seen.since_ns:

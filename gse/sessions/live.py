@@ -410,7 +410,7 @@ class _DerivedDataRecorder:
     def _tick_procedure(self) -> None:
         """Go on with the procedure once all that came is processed; on a computer that is behind, now and then."""
         now_ns = self._link.mono_ns()
-        behind = self._link.is_live and (self._loop.items_left or self._link.backlog_bytes)
+        behind = self._link.is_live and (self._loop.items_left or self._link.has_news)
         if self.procedure is not None and (not behind or now_ns - self._ticked_ns > _BEHIND_NS):
             self._ticked_ns = now_ns
             self.procedure.tick()
@@ -467,7 +467,8 @@ class _DerivedDataRecorder:
 
     def _read_clock(self) -> None:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)
-        if self._link.is_live and not self._link.backlog_bytes:
+        # An event that waits happened before this silence, and is recorded before it.
+        if self._link.is_live and not self._link.has_news and not self._loop.items_left:
             self._loop.pass_time(reading.utc_ns, reading.mono_ns)
         if reading.mono_ns >= self._clock_due_ns and (self._link.is_live or self._last_ns):
             self._clock_due_ns = reading.mono_ns + CLOCK_EVERY_NS
