@@ -31,6 +31,7 @@ from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import FrameTable
+from gse.station.item_table import Housekeeping
 from gse.station.results import Status, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import RISK
@@ -170,6 +171,7 @@ def part_of(session: SessionData, from_ns: int, until_ns: int, station: Station)
         session,
         station=station,
         frames=_rows_of(session.frames, rows),
+        housekeeping=_items_of(session.housekeeping, from_ns, until_ns),
         sensor_attitudes=AttitudeTable.from_rows(own[(came_ns >= from_ns) & (came_ns < until_ns + NS_PER_S)]),
         statuses=[item for item in session.statuses if from_ns <= item[0] < until_ns],
         events=[
@@ -180,6 +182,13 @@ def part_of(session: SessionData, from_ns: int, until_ns: int, station: Station)
         link=replace(session.link, frames_lost=0, unanswered=0, frames_repeated=0, sensor_resets=0),
         others_lost=0,
     )
+
+
+def _items_of(table: Housekeeping, from_ns: int, until_ns: int) -> Housekeeping:
+    part = Housekeeping({item.name: item for item in table.items}, table.parameters)
+    utc_ns = table.rows["utc_ns"]
+    part.extend(table.rows.rows((utc_ns >= from_ns) & (utc_ns < until_ns)))
+    return part
 
 
 def _rows_of(table: FrameTable, rows: NDArray[np.int64]) -> FrameTable:

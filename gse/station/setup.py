@@ -131,7 +131,7 @@ def addressed(protocol: Protocol, station: Station) -> Protocol:
     """
     for name in station.limits.items:
         if name not in protocol.items:
-            raise UsageError(f"limits.items: {unknown_name(name, protocol.items, 'item')}")
+            raise UsageError(f"limits.items of the station file: {unknown_name(name, protocol.items, 'item')}")
     try:
         return protocol.with_addresses(station.port.address, station.port.host_address)
     except EncodeError as error:

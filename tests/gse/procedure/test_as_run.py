@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,12 +10,14 @@ from scipy.stats import binom
 from skies.known_nights import session
 
 from drivers.chunk import LinkEvent
-from gse.procedure.as_run import StepOutcome, as_run, event_text, spread_of, starts
+from gse.procedure.as_run import StepOutcome, as_run, event_text, part_of, spread_of, starts
 from gse.procedure.file import Watch
 from gse.station.events import StationKind
+from gse.station.item_table import ITEM, Housekeeping
 from gse.station.results import Verdict
 from gse.values.instant import NS_PER_S
 from gse.verdict.assessment import judge
+from protocols import load_protocol
 
 BEGIN = LinkEvent(0, 0, StationKind.PROCEDURE, event_text("SS-TP-07", "A. Tester", "2"))
 END = LinkEvent(90, 0, StationKind.PROCEDURE_ENDED, "the supply was left off")
@@ -134,3 +137,16 @@ def test_a_start_without_an_answer_is_longer_than_all_others():
     assert spread_of([1.0, 2.0, math.nan])["median_s"] == 2.0
     assert spread_of([math.nan] * 3)["median_s"] is None
     assert spread_of([])["n"] == 0
+
+
+def test_a_stretch_has_the_items_that_came_in_it():
+    made = session()
+    protocol = load_protocol("panorama-v1")
+    made.housekeeping = Housekeeping(protocol.items)
+    number = list(protocol.items).index("supply_v")
+    came = np.zeros(3, ITEM)
+    came["utc_ns"], came["value"], came["item"] = [10, 20, 30], [4.0, 5.0, 6.0], number
+    made.housekeeping.extend(came)
+    part = part_of(made, 15, 30, made.station)
+    assert list(part.housekeeping.rows["value"]) == [5.0]
+    assert part.housekeeping.summaries["supply_v"].count == 1

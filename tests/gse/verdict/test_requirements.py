@@ -70,8 +70,9 @@ def test_each_limit_is_on_the_page_of_the_station_file():
     assert [one.limit for one in REQUIREMENTS if f"`limits.{one.limit}`" not in page] == []
 
 
-NO_ROW = {"decision", "false_arcsec", "confidence"}
-"""The rule, the number by which an answer is false, a share of frames: no figure is compared with them."""
+NO_ROW = {"decision", "false_arcsec", "confidence", "items"}
+"""The rule, the number by which an answer is false, a share of frames: no figure is compared with them. The rows of
+``items`` have the names of a sensor's items (``item_requirements``)."""
 
 
 def test_every_limit_is_asked_for_by_a_row():
