@@ -65,7 +65,7 @@ class Limits:
     false_share: Annotated[float, Interval(gt=0, lt=1)] = 0.01
     decision: Decision = Decision.GUARDED
     items: Mapping[str, Annotated[tuple[float | None, float | None], AfterValidator(_in_order)]] = field(
-        default_factory=dict
+        default_factory=dict, hash=False
     )
 
     def of(self, axis: Axis) -> float:
