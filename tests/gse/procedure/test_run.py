@@ -1,6 +1,7 @@
 """Runs of procedures on a simulated sensor: what each kind of step does, and what ends a run."""
 
 import json
+import re
 import xml.etree.ElementTree as ET
 
 import pytest
@@ -87,6 +88,10 @@ def test_a_functional_test_passes_and_its_replay_says_the_same_with_nobody_asked
     page = (ran.folder / "report.html").read_text()
     assert page.index("As-run log: SS-TP-07") < page.index("The rows of the verdict")
     assert "SIMULATED: no sensor took part" in page
+    assert "</strong> At the end the supply was left off." in page
+    times = re.findall(r'<td class="utc">(.*) to ', page)
+    assert times[0] == f"{log['steps'][0]['from'][:10]}<br>{log['steps'][0]['from'][11:19]}"
+    assert times[1] == log["steps"][1]["from"][11:19]  # the date stands where it changes
 
 
 def test_a_step_that_fails_ends_the_run_and_the_cleanup_is_done(run):

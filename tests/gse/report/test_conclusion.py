@@ -136,6 +136,13 @@ def test_a_clock_of_unknown_error_is_the_cause_where_nothing_gross_is_and_its_re
     assert conclusion(unknown)["cause"] == "hot pixels: 12"
 
 
+def test_the_clock_is_the_first_step_of_a_procedure_that_it_left_undecided_not_of_one_that_failed(cloudy) -> None:
+    run = copy.deepcopy(cloudy) | {"procedure": {"name": "test", "steps": []}, "diagnosis": []}
+    run["reasons"] = ["step 1 INCONCLUSIVE", "dRA*: the error of the clock is not known"]
+    assert conclusion(run | {"verdict": "INCONCLUSIVE"})["next"].startswith(CLOCK_REMEDY)
+    assert conclusion(run | {"verdict": "FAIL"})["next"].startswith("mend what the step says")
+
+
 def test_frames_that_a_line_lost_are_the_cause_of_a_fail_without_another(cloudy) -> None:
     failed = copy.deepcopy(cloudy) | {"verdict": "FAIL", "diagnosis": [], "reasons": []}
     failed["exclusions"] = []

@@ -114,6 +114,7 @@ def test_help_shows_the_commands_of_the_station(station: Path) -> None:
     shown = CliRunner().invoke(command, ["send", "--help", "--station", str(station)]).output
     assert "SET_GAIN" in shown
     assert "gain=NUMBER in dB 0 to 30; proved by the answer ACK within 0.5 s" in " ".join(shown.split())
+    assert "RESET sent once, nothing proves it" in " ".join(shown.split())
     one = CliRunner().invoke(command, ["send", "SET_MODE", "--help", "--station", str(station)]).output
     assert "mode=standby | tracking" in one
     assert "SET_GAIN" not in one
