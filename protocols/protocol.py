@@ -190,6 +190,11 @@ class Protocol:
         """The header's flag of a stream that comes from no detector; 0 in a format without room for it."""
         return sum(1 << bit for bit, name in self.frame_layout.header.flag_names.items() if name == "test")
 
+    @property
+    def has_serial(self) -> bool:
+        """Whether STATUS has the serial number, which is 0 in a stream that comes from no detector."""
+        return "STATUS" in self._codecs and any(one.name == "serial" for one in self._codecs["STATUS"].layout.fields)
+
     def is_test(self, frame: Frame) -> bool:
         """Whether a frame says that its stream comes from no detector: by its flag; in a format without it by STATUS.
 
@@ -197,7 +202,7 @@ class Protocol:
         """
         if test_flag := self.test_flag:
             return bool(frame.flags & test_flag)
-        if frame.type != "STATUS" or all(field.name != "serial" for field in self._codecs["STATUS"].layout.fields):
+        if frame.type != "STATUS" or not self.has_serial:
             return False
         message = self.decode(frame)
         return isinstance(message, StatusMessage) and message.serial == 0

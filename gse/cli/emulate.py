@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 _LAST_PORT = 65535
 _OF_THE_SIMULATION = ("station_path", "scenario", "rate_hz", "standby", "start", "dark", "level")
 """What a recorded session says itself."""
+_NO_MARK = (
+    "nothing in this format says that the frames come from no detector: sessions with them are not marked SIMULATED; "
+    "the mark is a header flag `test`, or `serial` in STATUS"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +113,9 @@ def command(
 
     With --session a recorded night is played to a flight computer. It begins when somebody opens the other end.
 
-    The frames bear the flag `test`, so that no session with them passes for one of a sensor: it is SIMULATED. The
-    address to open is printed on stdout. The emulator ends with Ctrl-C or after --duration.
+    The frames bear the flag `test`, so that no session with them passes for one of a sensor: it is SIMULATED. Where
+    the format has no room for a mark, the command says so. The address to open is printed on stdout. The emulator ends
+    with Ctrl-C or after --duration.
     """
     if use_pty + (tcp_address is not None) + (port_url is not None) != 1:
         raise UsageError("give either --pty or --tcp HOST:PORT or --port DEVICE, for example --tcp 127.0.0.1:4000")
@@ -141,6 +146,7 @@ def _simulate(
     from gse.simulator.device import detector_of, firmware_of, scenario_of
     from gse.simulator.emulator import Emulator
     from gse.simulator.outlook import outlook
+    from protocols import load_protocol
 
     options = simulation.options(seed)
     station, _ = station_of(station_path)
@@ -159,6 +165,9 @@ def _simulate(
     seen = outlook(device, session, "--start-utc chooses a night, --dark leaves the Sun's light out")
     click.echo(folded(seen, indent=2, err=True), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
+    protocol = load_protocol(device.protocol)
+    if not (protocol.test_flag or protocol.has_serial):
+        click.echo(folded(_NO_MARK, indent=2, err=True), err=True)
     terminal.end_sign()
     try:
         now_ns: Callable[[], int] = lambda: read_clock().utc_ns + offset_ns  # noqa: E731

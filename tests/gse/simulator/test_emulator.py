@@ -244,6 +244,15 @@ def test_the_command_prints_the_address_and_ends_after_its_time() -> None:
     result = CliRunner().invoke(command, ["--tcp", "127.0.0.1:0", "--duration", "0.2"], catch_exceptions=False)
     assert result.exit_code == 0
     assert result.stdout.startswith("socket://127.0.0.1:")
+    assert "SIMULATED" not in result.stderr
+
+
+def test_the_command_says_where_the_format_has_no_room_for_the_mark_of_a_simulation(tmp_path: Path) -> None:
+    station = tmp_path / "station.yaml"
+    station.write_text(BUILT_IN_TEXT + "protocol: ccsds-packets\n")
+    arguments = ["--tcp", "127.0.0.1:0", "--duration", "0.2", "--station", str(station)]
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert "not marked SIMULATED" in " ".join(result.stderr.split())
 
 
 @pytest.mark.parametrize(
