@@ -25,6 +25,7 @@ from gse.statistics.metrics import metrics
 from gse.statistics.rates import rate_errors
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
+from gse.statistics.stated import stated_accuracy
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values import instant
 from gse.values.axis import OF_SENSOR, ON_SKY
@@ -128,6 +129,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         report["housekeeping"] = list(_items(session))
     if rates := rate_errors(session):
         report["rates"] = list(rates)
+    if stated := stated_accuracy(session, stats):
+        report["stated_accuracy"] = [{**dataclasses.asdict(of_axis), "scatter": of_axis.word} for of_axis in stated]
     if session.housekeeping.parameters:
         report["parameters"] = {
             "sha256": parameters_sha256(session.housekeeping),
