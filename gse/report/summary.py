@@ -22,7 +22,6 @@ from gse.statistics.decision import Row as DecisionRow
 from gse.statistics.excuses import excusing
 from gse.statistics.incidents import Incident
 from gse.statistics.metrics import metrics
-from gse.statistics.rates import rate_errors
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
 from gse.statistics.stated import stated_accuracy
@@ -127,8 +126,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         report["slew"] = [_slew_step(subject, step) for subject, steps in assessment.slew.items() for step in steps]
     if session.housekeeping.summaries:
         report["housekeeping"] = list(_items(session))
-    if rates := rate_errors(session):
-        report["rates"] = list(rates)
+    if stats.rates:
+        report["rates"] = list(stats.rates)
     if stated := stated_accuracy(session, stats):
         report["stated_accuracy"] = [{**dataclasses.asdict(of_axis), "scatter": of_axis.word} for of_axis in stated]
     if session.housekeeping.parameters:

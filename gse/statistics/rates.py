@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gse.station.session_data import SessionData
+from gse.statistics.sampling import Bounds, error_bounds, root_mean_square_bounds
 from gse.truth import horizon_to_sensor
 from gse.values.attitude_convention import to_answers
 from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
@@ -21,13 +22,19 @@ NAMES = ("rate_x", "rate_y", "rate_z")
 
 @dataclass(frozen=True, slots=True)
 class RateError:
-    """What a sensor states about one axis: ``bias`` is the mean less the truth, ``noise`` the standard deviation."""
+    """What a sensor states about one axis: ``bias`` is the mean less the truth, ``noise`` the standard deviation.
+
+    Of ``values``, ``n_eff`` are independent; bounds are NaN where these are too few.
+    """
 
     axis: str
     values: int
     true_arcsec_per_s: float
     bias_arcsec_per_s: float
     noise_arcsec_per_s: float
+    n_eff: float
+    bias_bounds_arcsec_per_s: Bounds
+    noise_bounds_arcsec_per_s: Bounds
 
 
 def rate_errors(session: SessionData) -> tuple[RateError, ...]:
@@ -52,5 +59,7 @@ def rate_errors(session: SessionData) -> tuple[RateError, ...]:
         stated = stated[np.isfinite(stated)]
         if len(stated) > 1:
             bias, noise = float(stated.mean() - true[at]), float(stated.std(ddof=1))
-            found.append(RateError(name[-1], len(stated), float(true[at]), bias, noise))
+            of_bias, of_noise = error_bounds(stated - true[at]), root_mean_square_bounds(stated - stated.mean())
+            of_axis = name[-1], len(stated), float(true[at]), bias, noise
+            found.append(RateError(*of_axis, of_bias.n_eff, of_bias.bias, of_noise))
     return tuple(found)

@@ -17,6 +17,7 @@ from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.counted_frames import CountedFrames, counted_frames, own_counted
 from gse.statistics.incidents import AnswersWithin, Incident, answers_within, incidents
 from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
+from gse.statistics.rates import RateError, rate_errors
 from gse.statistics.sampling import Percentiles
 from gse.statistics.sensor_convention import ConventionSearch, is_wrong, session_convention
 from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
@@ -58,6 +59,7 @@ class Statistics:
     own_counted: CountedFrames | None = None
     convention: ConventionSearch | None = None
     power: PowerUse = field(default_factory=PowerUse)
+    rates: tuple[RateError, ...] = ()
 
     @property
     def counts_any(self) -> bool:
@@ -119,6 +121,7 @@ def statistics(session: SessionData) -> Statistics:
         own_counted=counted_own,
         convention=convention,
         power=_power_use(session),
+        rates=rate_errors(session),
     )
 
 

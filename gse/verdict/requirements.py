@@ -32,11 +32,13 @@ from gse.statistics.decision import (
     judge_share,
     share_times,
 )
-from gse.statistics.sampling import MIN_FRAMES, NO_BOUNDS
+from gse.statistics.rates import RateError
+from gse.statistics.sampling import MIN_FRAMES, NO_BOUNDS, Bounds
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.subject_statistics import SubjectStatistics, figure_of
 from gse.statistics.truth_budget import TruthUncertaintyBudget
-from gse.values.axis import CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis
+from gse.values.axis import AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis
+from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.values.limits import Limits
 from gse.values.power import PowerUse
 from gse.values.text import percent
@@ -280,6 +282,47 @@ class ByCurrent:
 
 
 @dataclass(frozen=True, slots=True)
+class ByRate:
+    """The largest figure of the rates about the axes, which belong to the session, decided by its sampling bounds.
+
+    Truth is the Earth's rate: an error of the mount along some axes puts as large a part of it on others. Scatter has
+    no ``truth``.
+    """
+
+    size: Callable[[RateError], tuple[float, Bounds]]
+    truth: tuple[Axis, ...] = ()
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row, the same below each subject but for what is known of its truth."""
+        rates = case.statistics.rates
+        sizes = [self.size(rate) for rate in rates]
+        value = max((size for size, _ in sizes), default=math.nan)
+        lower, upper = (max((getattr(of, end) for _, of in sizes), default=math.nan) for end in ("lower", "upper"))
+        bounds = NO_BOUNDS if any(math.isnan(of.upper) for _, of in sizes) else Bounds(lower=lower, upper=upper)
+        n_eff, values = (min((getattr(rate, of) for rate in rates), default=0) for of in ("n_eff", "values"))
+        figure = Figure(value, bounds, n_eff, values, case.statistics.duration_s)
+        truth = EARTH_RATE_ARCSEC_PER_S * case.truth_standard(self.truth) / ARCSEC_PER_RAD
+        return judge_figure(asked, figure, truth_uncertainty=truth, relative=case.relative)
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Further lengths of the session after which an undecided row is decided."""
+        return figure_times(row)
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """Not known of a subject alone."""
+        return Bounded(math.nan, math.nan, math.nan)
+
+
+def _bias(rate: RateError) -> tuple[float, Bounds]:
+    bias, of = rate.bias_arcsec_per_s, rate.bias_bounds_arcsec_per_s
+    return abs(bias), Bounds(lower=max(abs(bias) - (bias - of.lower), 0.0), upper=abs(bias) + (of.upper - bias))
+
+
+def _noise(rate: RateError) -> tuple[float, Bounds]:
+    return rate.noise_arcsec_per_s, rate.noise_bounds_arcsec_per_s
+
+
+@dataclass(frozen=True, slots=True)
 class AxisQuestion:
     """What is expected along one axis, its limit, and the standard uncertainty of truth."""
 
@@ -371,7 +414,7 @@ class Requirement:
     limit: str
     unit: str = ""
     claim: Claim
-    decided: "ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps | ByCurrent | ByItem"
+    decided: "ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps | ByCurrent | ByRate | ByItem"
     says: str
     applies: Callable[[SubjectStatistics], bool] = lambda _: True
     core: bool = False
@@ -620,6 +663,28 @@ REQUIREMENTS = (
         claim=Claim.CURRENT,
         decided=ByCurrent(lambda use: use.inrush_a),
         says="greatest current of the supply within `power.settle_s` after it is switched on, as often as it is read",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
+    ),
+    Requirement(
+        name="rate bias",
+        limit="rate_bias_arcsec_per_s",
+        unit="arcsec/s",
+        claim=Claim.ACCURACY,
+        decided=ByRate(_bias, truth=AXES),
+        says="mean error of the rate that the sensor states about an axis, against the Earth's: the largest of all",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
+    ),
+    Requirement(
+        name="rate noise",
+        limit="rate_noise_arcsec_per_s",
+        unit="arcsec/s",
+        claim=Claim.ACCURACY,
+        decided=ByRate(_noise),
+        says="standard deviation of the rate that the sensor states about an axis: the largest of all",
         only_asked=True,
         plan=not_planned,
         compared=not_compared,

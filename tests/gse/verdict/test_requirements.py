@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from skies.known_nights import STATION, session
 
@@ -15,6 +16,7 @@ from gse.report.files import junit_xml
 from gse.report.summary import summarise
 from gse.sessions.forecast import forecast_text
 from gse.station.events import StationKind
+from gse.station.item_table import ITEM, Housekeeping
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import Outcome
 from gse.values.instant import NS_PER_S
@@ -24,6 +26,7 @@ from gse.verdict.assessment import judge
 from gse.verdict.requirements import REQUIREMENTS, Case, ExpectedSession, requirement_named, requirement_of
 from gse.verdict.session_comparison import session_comparison
 from gse.verdict.session_plan import plan_like, rows_left
+from protocols import Item
 
 DOCS = Path(__file__).parents[3] / "docs"
 LIMITS = replace(
@@ -38,6 +41,8 @@ LIMITS = replace(
     slew_deg_per_s=0.5,
     mean_current_a=0.5,
     inrush_current_a=1.0,
+    rate_bias_arcsec_per_s=20.0,
+    rate_noise_arcsec_per_s=5.0,
 )
 """With a limit for every row."""
 LIMITED = STATION.model_copy(update={"limits": LIMITS})
@@ -49,6 +54,10 @@ def judged():
     begun_ns = int(made.frames.columns["utc_ns"][0])
     made.events.append(LinkEvent(begun_ns, 0, StationKind.POWER_ON, "relay on"))
     made.power += [PowerReading(begun_ns, 0.9), PowerReading(begun_ns + 60 * NS_PER_S, 0.4)]
+    made.housekeeping = Housekeeping({"rate_x": Item("rate_x", "RATE", "rate_x", "arcsec/s", {}, False, 1.0)})
+    rates = np.zeros(2000, ITEM)
+    rates["value"] = np.random.default_rng(1).normal(0, 1, len(rates))
+    made.housekeeping.extend(rates)
     return made, judge(made)
 
 
@@ -186,7 +195,7 @@ def test_rows_that_only_some_sensors_are_specified_by_leave_no_trace_without_a_l
     report = summarise(made, judge(made))
     text = json.dumps([report["measurements"], report["not_tested"]])
     assert [one.name for one in OPTIONAL if one.name in text] == []
-    assert len(OPTIONAL) == 8
+    assert len(OPTIONAL) == 10
 
 
 def test_a_limit_along_one_axis_of_the_sensor_asks_for_that_row_alone():

@@ -37,6 +37,7 @@ from gse.values.axis import AXES
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.limits import Limits
 from gse.values.mount import Mount, MountUncertainty
+from gse.values.power import PowerUse
 from gse.values.site import SiteUncertainty
 from gse.verdict.assessment import (
     _causes,
@@ -807,7 +808,7 @@ def rows_of(subject=Subject.ONBOARD, *, star_fields=0, lost=0, relative=False, *
         first_fixes_s=(0.0,),
     )
     counted = SimpleNamespace(expected=np.arange(1000) < 1000 - lost)
-    stats = SimpleNamespace(duration_s=600.0, frames_expected=1000, counted=counted)
+    stats = SimpleNamespace(duration_s=600.0, frames_expected=1000, counted=counted, power=PowerUse(), rates=())
     budget = budget_of(3.0, 4.0, own_arcsec=12.0)
     case = Case(given, stats, budget, Limits(**limits), relative)
     return {requirement.name: requirement.row(case) for requirement in REQUIREMENTS}
