@@ -24,7 +24,7 @@ from gse.statistics.incidents import Incident
 from gse.statistics.metrics import metrics
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
-from gse.statistics.stated import stated_accuracy
+from gse.statistics.stated import errors_by_quality, stated_accuracy
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values import instant
 from gse.values.axis import OF_SENSOR, ON_SKY
@@ -130,6 +130,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         report["rates"] = list(stats.rates)
     if stated := stated_accuracy(session, stats):
         report["stated_accuracy"] = [{**dataclasses.asdict(of_axis), "scatter": of_axis.word} for of_axis in stated]
+    if qualities := errors_by_quality(session, stats):
+        report["quality"] = list(qualities)
     if session.housekeeping.parameters:
         report["parameters"] = {
             "sha256": parameters_sha256(session.housekeeping),

@@ -1,7 +1,7 @@
 """What a sensor states of its own answers by items of its ATTITUDE message, against what these answers show.
 
 ``sigma_x``, ``sigma_y`` and ``sigma_z`` are standard deviations of an answer about the sensor's axes, those of
-``sensor.attitude.rotation`` as with its rates.
+``sensor.attitude.rotation`` as with its rates. ``quality`` is a number or a word for how good an answer is.
 """
 
 import math
@@ -20,10 +20,14 @@ from gse.statistics.session_statistics import Statistics
 from gse.values.attitude_convention import to_answers
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import product
+from protocols import ItemValue
 from protocols.vocabulary import quantity
 
 SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
+QUALITY = "quality"
 _NAN = float("nan")
+_MOST_VALUES, _GROUPS = 8, 4
+"""A quality of more values than these is put into so many groups of equally many answers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,3 +137,45 @@ def _stated_accuracy(
         low, high = (chi_square * freedom / float(chdtri(freedom, share)) for share in (0.025, 0.975))
     stated, scatter = (math.sqrt(float((values**2).mean())) for values in (sigma, off))
     return StatedAccuracy(axis, len(error), n_eff, stated, scatter, chi_square, low, high)
+
+
+@dataclass(frozen=True, slots=True)
+class OfQuality:
+    """The answers whose quality lies between two values: how many were judged and false, the error of the boresights.
+
+    The errors are of all of them whose truth is known, the false ones, too.
+    """
+
+    lowest: ItemValue
+    highest: ItemValue
+    answers: int
+    false: int
+    median_arcsec: float
+    p95_arcsec: float
+
+
+def errors_by_quality(session: SessionData, stats: Statistics) -> tuple[OfQuality, ...]:
+    """Of each value of the quality that a sensor states, or of four groups where it has many."""
+    values = _item_values(session, QUALITY, None)
+    answers = _own_answers(session, stats) if values is not None else None
+    if answers is None or values is None:
+        return ()
+    item = next(item for item in session.housekeeping.items if item.name == QUALITY)
+    quality, judged = values[answers.places], answers.counted.judged[answers.rows]
+    rows = np.flatnonzero(judged & ~answers.counted.excluded[answers.rows] & np.isfinite(quality))
+    if not len(rows):
+        return ()
+    ends = np.unique(quality[rows])
+    if len(ends) > _MOST_VALUES and not (item.words or item.are_bits):
+        parts = np.arange(1, _GROUPS + 1) / _GROUPS
+        ends = np.unique(np.quantile(quality[rows], parts, method="inverted_cdf"))
+    off = np.hypot(answers.errors_arcsec[:, 0], answers.errors_arcsec[:, 1])
+    false, group = answers.counted.false[answers.rows], np.searchsorted(ends, quality)
+    found = []
+    for number in range(len(ends)):
+        of_one = rows[group[rows] == number]
+        known = off[of_one][np.isfinite(off[of_one])]
+        median, p95 = np.percentile(known, [50, 95]).tolist() if len(known) else (_NAN, _NAN)
+        lowest, highest = (item.value(float(end)) for end in (quality[of_one].min(), quality[of_one].max()))
+        found.append(OfQuality(lowest, highest, len(of_one), int(false[of_one].sum()), median, p95))
+    return tuple(found)

@@ -16,7 +16,7 @@ from gse.report.summary import summarise
 from gse.station.item_table import ITEM, Housekeeping
 from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import statistics
-from gse.statistics.stated import _stated_accuracy, stated_accuracy
+from gse.statistics.stated import _stated_accuracy, errors_by_quality, stated_accuracy
 from gse.values.attitude_convention import AnswerRotation, AttitudeConvention, read_angles, state_angles
 from gse.verdict.assessment import judge
 from protocols import parse_protocol
@@ -145,7 +145,36 @@ def test_the_report_has_a_table_of_the_stated_accuracy() -> None:
     assert "Accuracy that the sensor states" in page
 
 
+def of_quality(quality: NDArray[np.float64], values: str = "") -> SessionData:
+    """A session whose answers are 2 arcsec off per unit of their quality, and false at 9."""
+    off = np.where(quality == 9, 3600.0, 2 * quality)
+    made = turned(synthetic_night(len(quality), trouble=False), np.outer(off, [0.0, 1.0, 0.0]))
+    text = f"{TEXT[: TEXT.index('    items:')]}    items: [{{name: quality, type: decimal{values}}}]\n"
+    return stating(made, quality[:, None], parse_protocol(text, "quality.yaml"))
+
+
+def test_each_quality_has_its_errors_and_false_answers() -> None:
+    made = of_quality(np.tile([1.0, 4.0, 9.0, 4.0], 50), ", values: {1: good, 4: fair, 9: poor}")
+    found = errors_by_quality(made, statistics(made))
+    assert [(of.lowest, of.highest) for of in found] == [("good", "good"), ("fair", "fair"), ("poor", "poor")]
+    assert [(of.answers, of.false) for of in found] == [(50, 0), (100, 0), (50, 50)]
+    assert [of.median_arcsec for of in found] == pytest.approx([2.0, 8.0, 3600.0], abs=0.5)
+    report = summarise(made, judge(made))
+    page = report_html(made, judge(made), report, provenance(made.versions, None), plots=False)
+    assert "by the quality that the sensor states" in page
+
+
+def test_a_quality_of_many_values_has_four_groups_of_equally_many_answers() -> None:
+    made = of_quality(np.tile(np.arange(10.0, 30.0), 10))
+    found = errors_by_quality(made, statistics(made))
+    assert [(of.lowest, of.highest, of.answers) for of in found] == [
+        (10, 14, 50), (15, 19, 50), (20, 24, 50), (25, 29, 50)
+    ]  # fmt: skip
+    assert [of.p95_arcsec for of in found] == pytest.approx([28.0, 38.0, 48.0, 58.0], abs=0.5)
+
+
 def test_a_sensor_that_states_no_accuracy_has_none() -> None:
     session = synthetic_night(5)
     assert stated_accuracy(session, statistics(session)) == ()
+    assert errors_by_quality(session, statistics(session)) == ()
     assert "stated_accuracy" not in summarise(session, judge(session))
