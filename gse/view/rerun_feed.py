@@ -231,6 +231,7 @@ class _SceneFeed:
             self._panel_utc_ns = so_far.utc_ns
             self._scene.words(so_far.utc_ns, self._so_far(), self._live.metrics)
             self._scene.stands(so_far.utc_ns, standing(so_far))
+            self._scene.add_latest_items(self._live.housekeeping)
 
     def _so_far(self) -> str:
         return verdict_so_far(self._scene.so_far, dropped=self._dropped)
@@ -242,4 +243,5 @@ class _SceneFeed:
         self._scene.stands(self._scene.so_far.utc_ns, bare_verdict(item.verdict))
 
     def finish(self) -> None:
+        self._scene.add_latest_items(self._live.housekeeping)
         self._scene.flush()

@@ -3,7 +3,7 @@
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from operator import itemgetter
 
 import numpy as np
@@ -38,6 +38,7 @@ from gse.view.recent import EventLines, NextPiece, Recent
 from gse.view.series import (
     MEAN_S,
     OUTAGE_NS,
+    begin_item,
     begin_series,
     near_rows,
     send_clock,
@@ -49,6 +50,7 @@ from gse.view.series import (
     times,
 )
 from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
+from protocols import Item
 
 _GOOD_EVENTS = {
     LinkKind.OPENED,
@@ -72,6 +74,8 @@ _PICTURES_AT_ONCE = 1 << 10
 """Their labels are lists of words, and Arrow copies them: a night at once would take 150 MB."""
 _ROWS_AT_ONCE = 1 << 14
 _MOST_RECENT = 700
+_MOST_ITEMS = 20_000
+"""Values of items, one a second of each: ten minutes of 32 items."""
 _MOST_LINES = 40
 """Lines of the log."""
 
@@ -107,6 +111,9 @@ class Scene:
         self._number = 0
         self._laid_out = 0
         self._item_units: tuple[str, ...] = ()
+        self._item_ns: dict[str, int] = {}
+        self._items_begun: dict[tuple[int, str], int] = {}
+        self._items = Recent[tuple[int, str, int, float]](_MOST_ITEMS, LIVE_WINDOW_S)
         self._frames = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
         self._own = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
         self._near = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
@@ -191,16 +198,39 @@ class Scene:
 
     def add_housekeeping(self, housekeeping: Housekeeping) -> None:
         """Show the items of a whole session, a graph for each unit; words and bits are in tables only."""
-        shown = [item for item in housekeeping.items if item.name in housekeeping.summaries and not item.words]
-        shown = [item for item in shown if not item.are_bits]
-        self._item_units = tuple(dict.fromkeys(item.unit for item in shown))
+        shown = _drawn(housekeeping, housekeeping.summaries)
         rows = housekeeping.rows
         numbers, utc_ns, values = (np.asarray(rows[name]) for name in ("item", "utc_ns", "value"))
         for item in shown:
             mine = numbers == housekeeping.items.index(item)
-            send_item(self._stream, self._item_units.index(item.unit), item.name, utc_ns[mine], values[mine])
+            send_item(self._stream, self._begin_item(item), item.name, utc_ns[mine], values[mine])
         if shown:
             self._stream.send_blueprint(self._layout())
+
+    def add_latest_items(self, housekeeping: Housekeeping) -> None:
+        """Show the latest value of each item of a running session, where it has one that was not shown."""
+        latest, graphs = housekeeping.latest, len(self._item_units)
+        for item in _drawn(housekeeping, latest):
+            now = latest[item.name]
+            if isinstance(now.value, str) or now.utc_ns == self._item_ns.get(item.name):
+                continue
+            self._item_ns[item.name] = now.utc_ns
+            graph = self._begin_item(item)
+            self._items.add(self._next(), now.utc_ns, (graph, item.name, now.utc_ns, now.value))
+            send_item(self._stream, graph, item.name, np.array([now.utc_ns]), np.array([now.value]))
+        if len(self._item_units) > graphs:
+            self._laid_out = self._next()
+            self._stream.send_blueprint(self._layout())
+
+    def _begin_item(self, item: Item) -> int:
+        """The graph of an item, that of its unit."""
+        if item.unit not in self._item_units:
+            self._item_units += (item.unit,)
+        graph = self._item_units.index(item.unit)
+        if (graph, item.name) not in self._items_begun:
+            self._items_begun[graph, item.name] = self._next()
+            begin_item(self._stream, graph, item.name)
+        return graph
 
     def piece_after(self, place: str) -> NextPiece:
         """What came after a place, of the last ten minutes at most: all of it for a place of no such recording.
@@ -247,6 +277,14 @@ class Scene:
             send_own_answers(stream, np.concatenate(own), self._station.limits)
         if readings := self._clock.after(after):
             send_clock(stream, readings)
+        for (graph, name), number in self._items_begun.items():
+            if number > after:
+                begin_item(stream, graph, name)
+        values: dict[tuple[int, str], list[tuple[int, float]]] = {}
+        for graph, name, utc_ns, value in self._items.after(after):
+            values.setdefault((graph, name), []).append((utc_ns, value))
+        for (graph, name), of_item in values.items():
+            send_item(stream, graph, name, *(np.array(column) for column in zip(*of_item, strict=True)))
 
     def _next(self) -> int:
         self._number += 1
@@ -388,6 +426,11 @@ class Scene:
         """The same, wherever the time cursor stands."""
         for path, text in (("/verdict", markdown), ("/metrics", _headed(metrics))):
             self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def _drawn(housekeeping: Housekeeping, came: Container[str]) -> list[Item]:
+    """The items that came and are numbers: words and bits are in tables only."""
+    return [item for item in housekeeping.items if item.name in came and not (item.words or item.are_bits)]
 
 
 def _numbered(objects: Sequence[NDArray[np.void]]) -> NDArray[np.void]:

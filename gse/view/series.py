@@ -155,13 +155,17 @@ def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void], limit
         _send(stream, f"/near/{path}/own", times(utc_ns), near)
 
 
+def begin_item(stream: rr.RecordingStream, graph: int, name: str) -> None:
+    """Name and colour of an item of housekeeping, in the graph of its unit."""
+    colour = _ITEM_COLOURS[zlib.crc32(name.encode()) % len(_ITEM_COLOURS)]
+    _lines(stream, f"/housekeeping/{graph}/{name}", [name], [colour])
+
+
 def send_item(
     stream: rr.RecordingStream, graph: int, name: str, utc_ns: NDArray[np.int64], values: NDArray[np.float64]
 ) -> None:
-    """The values (N,) of an item of housekeeping, in the graph of its unit."""
-    path = f"/housekeeping/{graph}/{name}"
-    _lines(stream, path, [name], [_ITEM_COLOURS[zlib.crc32(name.encode()) % len(_ITEM_COLOURS)]])
-    _send(stream, path, times(utc_ns), values[:, None])
+    """The values (N,) of an item of housekeeping that has begun."""
+    _send(stream, f"/housekeeping/{graph}/{name}", times(utc_ns), values[:, None])
 
 
 def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: Limits) -> None:

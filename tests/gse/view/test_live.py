@@ -10,14 +10,17 @@ import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rerun.error_utils
+from devices.items_sensor import ITEMS
 from devices.patience import PATIENCE_S
 from devices.rerun_recording import moving, rows_of
 from skies.one_by_one import results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.errors import GseError
+from gse.station.item_table import ITEM, Housekeeping
 from gse.view.live import LiveView
 from gse.view.live_state import LiveState
 from gse.view.rerun_feed import RerunFeed
@@ -56,6 +59,8 @@ def ended_view_threads() -> bool:
 def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
     live = LiveState(session.station)
+    live.housekeeping = Housekeeping(ITEMS.items)
+    live.housekeeping.extend(np.array([(frames[0].panorama.utc_ns, 5.0, list(ITEMS.items).index("supply_v"), 1)], ITEM))
     with live.add(LiveView(live, mode="none", save_rrd=path, catalog=small_catalog())) as view:
         for event in session.events:
             live.on_event(event)
@@ -67,6 +72,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
     assert len(moving(rows["/d_ra/value"])) == FRAMES
     assert len(moving(rows["/clock"])) == len(session.clock)
     assert len(moving(rows["/state/link"])) == len(session.events)
+    assert len(moving(rows["/housekeeping/0/supply_v"])) == 1
     assert moving(rows["/verdict"])[-1]["TextDocument:text"][0].startswith("# PASS\n- all limits are kept")
     assert ended_view_threads()
 

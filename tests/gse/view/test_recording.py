@@ -384,3 +384,32 @@ def test_the_items_of_housekeeping_are_drawn_in_a_graph_of_their_unit(tmp_path: 
     assert values(found, "/housekeeping/1/detector_degc").ravel().tolist() == [20.5, 21.5]
     assert [row["utc"] for row in moving(found["/housekeeping/0/supply_v"])] == items["utc_ns"][::3].tolist()
     assert not [name for name in found if "mode" in name]
+
+
+def test_the_items_of_a_running_session_are_drawn_once_a_second_and_come_late_too(tmp_path: Path) -> None:
+    path = tmp_path / "live.rrd"
+    session = synthetic_night(20)
+    housekeeping, start_ns = Housekeeping(ITEMS.items), int(session.frames.columns["utc_ns"][0])
+    numbers = [list(ITEMS.items).index(name) for name in ("supply_v", "detector_degc", "mode")]
+    stream = rerun.RecordingStream("gse", send_properties=False)
+    stream.save(str(path))
+    scene = Scene(stream, session.station, None, live=True)
+    for second in range(3):
+        rows = np.zeros(6, ITEM)
+        rows["utc_ns"] = start_ns + second * NS_PER_S + np.repeat([0, NS_PER_S // 2], 3)
+        rows["item"], rows["value"] = np.tile(numbers, 2), [0.0, 0.0, 1.0, 5.0 + second, 20.5, 1.0]
+        housekeeping.extend(rows)
+        scene.add_latest_items(housekeeping)
+        scene.add_latest_items(housekeeping)  # nothing new came
+        if second == 1:
+            first = scene.piece_after("")
+    pieces = {"first": first.rrd, "next": scene.piece_after(first.place).rrd}
+    for name, piece in pieces.items():
+        (tmp_path / f"{name}.rrd").write_bytes(piece)
+    stream.flush()
+    stream.disconnect()
+    whole, early, late = (rows_of(one) for one in (path, tmp_path / "first.rrd", tmp_path / "next.rrd"))
+    drawn = [values(of, "/housekeeping/0/supply_v").ravel().tolist() for of in (whole, early, late)]
+    assert drawn == [[5.0, 6.0, 7.0], [5.0, 6.0], [7.0]]
+    assert [row["static"] for row in early["/housekeeping/1/detector_degc"]] == [False, False, True]
+    assert not [name for name in whole if "mode" in name]
