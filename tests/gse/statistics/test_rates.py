@@ -8,6 +8,8 @@ from skies.synthetic_night import START_NS, synthetic_night
 
 from gse.report.page import report_html
 from gse.report.provenance import provenance
+from gse.report.result_key import ResultKey
+from gse.report.sessions_table import sessions_table
 from gse.report.summary import summarise
 from gse.station.item_table import ITEM, Housekeeping
 from gse.station.session_data import SessionData
@@ -76,6 +78,8 @@ def test_the_report_has_a_table_of_the_rates() -> None:
     assert [rate["values"] for rate in report["rates"]] == [100, 100, 100]
     page = report_html(session, assessment, report, provenance(session.versions, None), plots=False)
     assert "Rates that the sensor states" in page
+    table = sessions_table(session, assessment, ResultKey("a" * 64, "b" * 64, "c" * 64))
+    assert [rate["values"] for rate in table["rates"].to_pylist()[0]] == [100, 100, 100]
 
 
 @pytest.mark.parametrize(
