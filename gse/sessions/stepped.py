@@ -120,7 +120,7 @@ class SteppedSession:
         procedure = parse_procedure(_text(planned, "step"), "this step")
         known = [one for one in check(procedure, self._station, self._protocol) if "is measured as" not in one]
         if known:
-            raise UsageError(known[0])
+            raise UsageError(known[0].rpartition("step 1: ")[2])
         if self._result.done():
             self._result.result()
             raise UsageError(f"the session in {self.folder} has ended; begin another one")

@@ -42,6 +42,10 @@ def parameter_differences(session: SessionData) -> Iterator[str]:
     for name, stated in test.parameters.items():
         value = found.get(name)
         if value != stated:
-            yield f"the parameter {name} is {'missing' if value is None else value}, test.parameters states {stated}"
+            yield f"the parameter {name} is {_in_words(value)}, test.parameters states {_in_words(stated)}"
     if test.parameters_sha256 is not None and sha256 != test.parameters_sha256.lower():
         yield f"the SHA-256 of the parameters is {sha256}, test.parameters_sha256 states {test.parameters_sha256}"
+
+
+def _in_words(value: ItemValue | None) -> str:
+    return "missing" if value is None else value if isinstance(value, str) else f"{value:.15g}"

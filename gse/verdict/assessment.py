@@ -36,6 +36,7 @@ from gse.diagnosis.set_up_mistake import (
 from gse.external.identifier import ExternalCounts
 from gse.procedure.as_run import AsRun, Start, StepOutcome, StepRun, as_run, not_watched, starts, stretch
 from gse.procedure.file import Watch
+from gse.station.parameters import parameter_differences
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Claim, Outcome, Row
@@ -154,9 +155,10 @@ def _judge_procedure(session: SessionData, log: AsRun) -> Assessment:
     log = replace(log, steps=tuple(_as_judged(step, watched.get(step.number)) for step in log.steps))
     whole = _judge(replace(session, excluded=(*session.excluded, *not_watched(log))))
     verdict = log.verdict
-    if verdict is Verdict.PASS and session.truncated:
+    parameters = list(parameter_differences(session))
+    if verdict is Verdict.PASS and (session.truncated or parameters):
         verdict = Verdict.INCONCLUSIVE
-    lines = [*log.reasons(), *(line for one in watched.values() for line in one.reasons)]
+    lines = [*log.reasons(), *parameters, *(line for one in watched.values() for line in one.reasons)]
     return replace(
         whole,
         verdict=verdict,

@@ -181,6 +181,13 @@ def test_a_watched_stretch_has_its_own_limits(run):
     assert ran.report["verdict"] == "FAIL"
 
 
+def test_a_run_whose_steps_pass_cannot_where_the_stated_parameters_never_came(run):
+    ran = run("  - wait: {for: 1s}\n", station=STATION + "test: {parameters: {threshold_counts: 120}}\n")
+    assert set(ran.outcomes().values()) == {"PASS"}
+    assert (ran.code, ran.report["verdict"]) == (EXIT_INCONCLUSIVE, "INCONCLUSIVE")
+    assert ran.report["conclusion"]["reason"].startswith("the sensor's parameters never came: send the command")
+
+
 def test_starts_in_one_line_are_judged_by_the_limit_of_the_station(gse, tmp_path):
     (tmp_path / "station.yaml").write_text(f"{STATION}limits: {{first_fix_s: 10, decision: simple}}\n")
     options = ("--starts", "4", "--off", "3s", "--out", tmp_path / "out", "--no-plots")
