@@ -151,7 +151,7 @@ class Condition:
 
 
 def _in_words(value: ItemValue | None) -> str:
-    return "any" if value is None else value if isinstance(value, str) else f"{value:.6g}"
+    return "any" if value is None else (value or "''") if isinstance(value, str) else f"{value:.6g}"
 
 
 def _known(name: str, wanted: Wanted, items: Mapping[str, Item]) -> str | float | Range:
@@ -163,9 +163,12 @@ def _known(name: str, wanted: Wanted, items: Mapping[str, Item]) -> str | float 
             raise ValueError(f"{name} cannot be {wanted!r:.60}: known are {', '.join(item.words.values())}")
         return wanted
     if item.are_bits:
-        if not isinstance(wanted, str):
-            raise ValueError(f"{name} cannot be {wanted!r:.60}: expected the names of its bits, with commas")
-        return wanted
+        words = [item.words.get(bit, f"bit {bit}") for bit in range(64)]
+        named = {word.strip() for word in wanted.split(",")} - {""} if isinstance(wanted, str) else {str(wanted)}
+        if unknown := ", ".join(sorted(named - set(words))):
+            known = ", ".join(item.words.values())
+            raise ValueError(f"{name} has no bit {unknown:.60}: known are {known}, with commas; '' where none is set")
+        return ", ".join(word for word in words if word in named)
     try:
         if isinstance(wanted, int | float | str):
             return quantity(wanted, item.unit)

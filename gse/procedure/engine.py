@@ -384,7 +384,11 @@ class Run:
     def _values(self) -> dict[str, ItemValue]:
         """The items that came since the last command, and what the station knows."""
         seen, session = self.seen, self.bench.session
-        known = {"state": seen.state(self.bench.now()[0]), "link": seen.link, "sky": seen.sky}
+        latest = session.housekeeping.latest
+        # The link streams until it was silent for a while: what came before says nothing of a sensor that starts.
+        is_heard = seen.frame_ns or any(item.utc_ns >= seen.since_ns for item in latest.values())
+        link = seen.link if is_heard or seen.link != "streaming" else ""
+        known = {"state": seen.state(self.bench.now()[0]), "link": link, "sky": seen.sky}
         values: dict[str, ItemValue] = {name: word for name, word in known.items() if word}
         if seen.frame_ns and not math.isnan(seen.stars):
             values["stars"] = seen.stars
@@ -392,7 +396,6 @@ class Run:
             values["power_a"] = session.power[-1].amperes
             if not math.isnan(session.power[-1].volts):
                 values["power_v"] = session.power[-1].volts
-        latest = session.housekeeping.latest
         return values | {name: item.value for name, item in latest.items() if item.utc_ns >= seen.since_ns}
 
     def _send(self, act: Send) -> _Ticks:

@@ -250,11 +250,19 @@ def test_a_condition_holds_where_all_items_are_as_wanted(wanted: dict[str, objec
     assert (condition.what_differs(values) == "") is holds
 
 
+def test_bits_are_named_in_any_order_and_none_of_them_by_an_empty_text() -> None:
+    both = Condition({"faults": "detector,memory"}, ITEMS.items)
+    assert both.holds({"faults": "memory, detector"})
+    assert both.what_differs({"faults": ""}) == "faults is '' (expected memory, detector)"
+    assert Condition({"faults": ""}, ITEMS.items).holds({"faults": ""})
+
+
 @pytest.mark.parametrize(
     ("wanted", "said"),
     [
         ({"suply_v": 5}, "no item 'suply_v'; did you mean supply_v?"),
         ({"mode": "asleep"}, "known are boot, standby, acquisition, tracking"),
+        ({"faults": "memry"}, "faults has no bit memry: known are memory, detector"),
         ({"supply_v": [5, 4]}, "swap them"),
         ({"supply_v": "5 A"}, "known here: uV, mV, V"),
         ({"supply_v": [None, None]}, "both ends are open"),

@@ -128,6 +128,12 @@ def test_an_outcome_says_what_happened(run, steps, outcome, seen):
     assert ran.code == {"FAIL": EXIT_FAIL, "INCONCLUSIVE": EXIT_INCONCLUSIVE}[ran.report["verdict"]]
 
 
+def test_the_frames_before_a_start_are_no_link_after_it(run):
+    ran = run("  - wait: {until: {link: streaming}}\n  - power: on\n  - wait: {until: {link: streaming}}\n")
+    assert set(ran.outcomes().values()) == {"PASS"}
+    assert float(ran.steps["3"]["seen"].split()[-2]) > 1  # it boots for 2 s, of which `power` waits for one
+
+
 def test_a_sensor_without_power_does_not_answer(run):
     ran = run("  - power: off\n  - send: PING\n    on_failure: go on\n  - wait: {until: {state: silent}}\n")
     assert ran.outcomes()["2"] == "FAIL"
