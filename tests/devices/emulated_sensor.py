@@ -50,14 +50,14 @@ class EmulatedSensor:
             f"power: {{{power}, settle_s: 0.2, period_s: 0.2, timeout_s: 2}}\n"
         )
         options = {"scenario": "clear-zenith", "start": to_text(read_clock().utc_ns, 9)}
-        scenario = scenario_of(options)
+        device = parse_station(STATION)
+        scenario = scenario_of(options, device)
         scenario = scenario.model_copy(
             update={
                 "air": scenario.air.model_copy(update={"sunlight": False}),
                 "firmware": scenario.firmware.model_copy(update={"boot_s": 0.5}),
             }
         )
-        device = parse_station(STATION)
         detector = detector_of(device, scenario, options)
         detector.expose(scenario.start_utc_ns, scenario.exposure_s, 20.0)  # loads what it needs
         self._firmware = firmware_of(device, scenario, options, detector, read_clock().utc_ns, is_test=True)
