@@ -167,9 +167,11 @@ def check(path: Path, begins_ns: int | None) -> None:
     check_asking(station.sensor, station.port, protocol)
     load_catalog(station.catalog, stars=_FEW_STARS)
     camera = station.sensor.camera()
+    site = station.site
+    place = f"at {site.latitude_deg:g}, {site.longitude_deg:g}" if station.subject is None else "without site"
     good = (
         f"{path} is good: {station.sensor.name}, {camera.columns} x {camera.rows} px, "
-        f"at {station.site.latitude_deg:g}, {station.site.longitude_deg:g}, port {station.port.url}, "
+        f"{place}, port {station.port.url}, "
         f"protocol {station.protocol}, identifier {station.identifier.algorithm}"
     )
     items = list(plausibility(station, read_clock().utc_ns if begins_ns is None else begins_ns))

@@ -56,6 +56,11 @@ def command(
         search = session_convention(session, seconds)
         evidence = evidence_of(session, seconds) if search is not None and not search.fits else None
         turned = fit_rotation(evidence) if evidence is not None else None
+    if search is None and session.station.subject is not None:
+        raise UsageError(
+            f"{path} has no truth (subject: sensor), by which alone a convention is found; a session before a known "
+            "sky shows it: give its station file with site and mount by --station"
+        )
     if search is None:
         raise UsageError(
             f"{path} has {len(session.sensor_attitudes)} answers of the sensor in {seconds:g} s that can be compared; "

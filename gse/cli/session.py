@@ -129,16 +129,17 @@ def trim(
 @command.command("import")
 @click.argument("capture", metavar="CAPTURE", type=click.Path(path_type=Path))
 @station_option
-@click.option("--start-utc", required=True, help="UTC of the first panorama, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--start-utc", help="UTC of the first panorama of a capture, e.g. 2026-03-20T18:30:00Z.")
 @click.option("--clock-error", "clock_error", help="A bound of the error of --start-utc: 0.1s, 20ms.")
 @_out
 def import_(
-    capture: Path, station_path: Path | None, start_utc: str, clock_error: str | None, out: Path | None
+    capture: Path, station_path: Path | None, start_utc: str | None, clock_error: str | None, out: Path | None
 ) -> None:
-    """Make a session of a raw capture that another program wrote.
+    """Make a session of a raw capture, or of a table, that another program wrote.
 
     gse report, view, why and compare take the session; it has the station file, and the same report as a replay of the
-    capture.
+    capture. A table is CSV with a UTC on each line: of panoramas (utc, y, x, index), or of attitudes as a spacecraft
+    sends them (utc, valid, and q1 to q4 or ra_deg, de_deg, roll_deg).
     """
     from gse.config.choice import station_of
     from gse.sessions.imported import import_capture

@@ -106,6 +106,7 @@ MAX_FILE_BYTES = 100_000
 
 _SOURCE_KEYS = (
     "version",
+    "subject",
     "sensor",
     "site",
     "mount",
@@ -314,6 +315,8 @@ class Station(_Section):
     """A whole station file."""
 
     version: Literal[1]
+    subject: Literal["sensor"] | None = None
+    """``sensor``: only its own answers are judged, and by no truth, as in orbit; the site is of no meaning."""
     sensor: Sensor
     site: Site
     mount: Mount = Mount()
@@ -331,6 +334,11 @@ class Station(_Section):
     _refusal: str = PrivateAttr(default="")
 
     @property
+    def is_under_sky(self) -> bool:
+        """Whether it stands at a site under the sky: neither in orbit nor before a star simulator."""
+        return self.subject is None and self.mount.inertial is None
+
+    @property
     def refusal(self) -> str:
         """Why the rules of today refuse this recorded file; empty where they do not."""
         return self._refusal
@@ -341,6 +349,21 @@ class Station(_Section):
         if not value.strip():
             raise ValueError("expected a protocol name or the path of a YAML description")
         return value
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_site(cls, value: Any) -> Any:
+        """In orbit there is none; the one that stands in for it is at no place that means anything."""
+        if isinstance(value, dict) and value.get("subject") == "sensor" and "site" not in value:
+            return {**value, "site": {"name": "no site", "latitude_deg": 0.0, "longitude_deg": 0.0}}
+        return value
+
+    @model_validator(mode="after")
+    def _no_truth_in_orbit(self) -> "Station":
+        if self.subject is not None and (self.mount.inertial is not None or self.mount.align is not None):
+            key = "align" if self.mount.inertial is None else "inertial"
+            raise ValueError(f"subject: sensor is judged by no truth; leave mount.{key} out, or subject")
+        return self
 
     @field_validator("mount", mode="before")
     @classmethod

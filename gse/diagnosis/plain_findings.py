@@ -366,7 +366,7 @@ def stars_by_day(session: SessionData, counted: CountedFrames) -> Iterator[Findi
     """Stars that are named though the Sun is up: both cannot be, but before a star simulator or an emulator."""
     frames = session.frames.columns
     is_test = any(event.kind == StationKind.TEST_STREAM for event in session.events)
-    if is_test or session.station.mount.inertial is not None:
+    if is_test or not session.station.is_under_sky:
         return
     seen = counted.answered & ~counted.false & ~counted.excluded & (frames["sun_altitude_deg"] > _DAY_DEG)
     if seen.sum() < _FEWEST_BY_DAY:

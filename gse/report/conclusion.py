@@ -14,7 +14,7 @@ from gse.statistics.decision import Outcome
 from gse.values.limits import Decision
 from gse.values.text import count_text
 from gse.verdict.assessment import LEFT_OUT, RELATIVE
-from gse.verdict.obstacles import NOTHING_COMPARED
+from gse.verdict.obstacles import NO_TRUTH, NOTHING_COMPARED
 
 SET_UP = "set-up: "
 """Before the reason that a mistake of the set-up is."""
@@ -126,7 +126,7 @@ def _reason(report: dict[str, Any]) -> str:
         return next(iter(report["reasons"]), "")
     if not report["identification"]["frames"]:
         return _without_frames(report)
-    if not _is_compared(report):
+    if not _is_compared(report) and NO_TRUTH not in report["reasons"]:
         return "no frame could be compared with the sky"
     decided = (row["reason"] for row in _undecided_rows(report))
     return next(decided, None) or next(_obstacles(report), "")

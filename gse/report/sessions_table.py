@@ -87,7 +87,7 @@ def conditions(session: SessionData | None, stats: Statistics | None) -> Iterato
     yield column("sky_condition", TEXT, _sky_condition(session) if session else None)
     yield records(ExcludedStretch, _stretches(stats) if stats else None, "exclusions")
     yield from _link(session)
-    yield from columns_of(Site, station.site if station else None, "site")
+    yield from columns_of(Site, station.site if station and not station.subject else None, "site")
     yield from _mount(session)
     yield from columns_of(Camera, station.sensor.camera() if station else None, "camera")
     yield from columns_of(IdentifierOptions, station.identifier if station else None, "identifier")

@@ -405,10 +405,11 @@ def _incident(one: Incident) -> dict[str, Any]:
 def _session(session: SessionData) -> dict[str, Any]:
     station = session.station
     utc_ns = session.frames.columns["utc_ns"]
+    mount = session.alignment.mount if session.alignment else station.mount
     return {
         "sensor": station.sensor.name,
-        "site": dataclasses.asdict(station.site),
-        "mount": dataclasses.asdict(session.alignment.mount if session.alignment else station.mount),
+        "site": None if station.subject else dataclasses.asdict(station.site),
+        "mount": None if station.subject else dataclasses.asdict(mount),
         "protocol": session.protocol_name,
         "identifier": station.identifier.facts(),
         "first_utc": instant.to_text(int(utc_ns.min())) if len(utc_ns) else None,

@@ -179,15 +179,12 @@ def blurred_station(text: str) -> str:
 def blurred_report(report: dict[str, Any]) -> dict[str, Any]:
     """The same of a report: its site, coordinates in its lines, and how high Sun and Moon stand."""
     copy: dict[str, Any] = json.loads(blurred_text(json.dumps(report)))
-    site = copy["session"]["site"]
-    copy["session"]["site"] = {
-        **site,
-        "name": "blurred",
-        **{name: _round(site[name]) for name in ("latitude_deg", "longitude_deg")},
-    }
+    if site := copy["session"]["site"]:
+        places = {name: _round(site[name]) for name in ("latitude_deg", "longitude_deg")}
+        copy["session"]["site"] = {**site, "name": "blurred", **places}
     sky = copy["sky"]
     for name in [name for name in sky or {} if name.endswith("_deg") and sky[name] is not None]:
-        sky[name] = [_round(angle) for angle in sky[name]]
+        sky[name] = [None if angle is None else _round(angle) for angle in sky[name]]
     for stretch in sky["stretches"] if sky else []:
         stretch |= {name: f"{stretch[name][:13]}:00:00Z" for name in ("from", "until")}
     copy.pop("test", None)

@@ -110,7 +110,7 @@ class ResultEvents:
     def brought_by(self, results: FrameResults, session: SessionData, first: int) -> list[tuple[int, LinkEvent]]:
         """The events of results whose first is row ``first`` of the session, each with the result that it precedes."""
         events: list[tuple[int, LinkEvent]] = []
-        if session.station.mount.inertial is None:  # before a star simulator there is no sky
+        if session.station.is_under_sky:
             taken = self.sky.take(session.frames.columns, first)
             events += [(row - first, event) for row, found in taken for event in found]
         events += _external(results, session)
@@ -126,7 +126,7 @@ class ResultEvents:
         events: list[LinkEvent] = []
         if said := self.camera.finish():
             events.append(LinkEvent(int(frames["utc_ns"][-1]), 0, *said))
-        if session.station.mount.inertial is None:
+        if session.station.is_under_sky:
             events += self.sky.finish(frames)
         return events
 
@@ -159,11 +159,14 @@ def _event(results: FrameResults, k: int, kind: str, text: str) -> LinkEvent:
 
 
 class TruthSource:
-    """Gives truth at the first panorama; ``given`` tables replace the installed ones, a ``frozen`` orientation both."""
+    """Gives truth at the first panorama; ``given`` tables replace the installed ones, a ``frozen`` orientation both.
+
+    Without a site there is none.
+    """
 
     def __init__(
         self,
-        site: Site,
+        site: Site | None,
         inertial: InertialDirection | None,
         frozen: EarthOrientation | None,
         given: GivenTables | None,
@@ -177,6 +180,8 @@ class TruthSource:
         """Truth for an instant, None where there is none, and the event that says what it lacks, if anything."""
         if self._inertial is not None:
             return InertialTruth(self._inertial, self._shown), None
+        if self._site is None:
+            return None, LinkEvent(utc_ns, 0, StationKind.NO_TRUTH, "the station file says subject: sensor")
         try:
             self.orientation, warning = self._found(utc_ns)
         except TruthError as error:
@@ -271,8 +276,9 @@ class StationLoop:
         self.session.time = time_of(station.sensor.time, setup.protocol)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
+        site = None if station.subject else station.site
         self._truth_source = TruthSource(
-            station.site, station.mount.inertial, earth_orientation, given_orientation, self.session.shown
+            site, station.mount.inertial, earth_orientation, given_orientation, self.session.shown
         )
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded

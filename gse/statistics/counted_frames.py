@@ -14,6 +14,9 @@ shared, and the rows of the accuracy show it.
 
 A panorama may itself be of another sky than the mount's. Then the reference identifier confirms what lies degrees from
 truth, and the answer is false all the same, unless such panoramas are the rule.
+
+In orbit there is no truth (``subject: sensor``): there a false answer is one that far from a smooth path through its
+neighbours (gse.statistics.smooth_path).
 """
 
 import math
@@ -28,13 +31,14 @@ from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.own_answers import SensorAnswers
-from gse.station.results import AnswerCheck, Status
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.availability import never_sent
 from gse.statistics.clock_health import clock_health
 from gse.statistics.decision import Claim
 from gse.statistics.excuses import excusing, left_out
 from gse.statistics.sensor_answers import by_other_stars_arcsec
+from gse.statistics.smooth_path import SmoothPath, smooth_path
 from gse.statistics.truth_budget import session_facts, truth_budget
 from gse.values.axis import ON_SKY
 from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
@@ -56,7 +60,8 @@ class CountedFrames:
     ``answered`` frames have an answer, which is ``judged`` where the reference identifier or truth can tell whether it
     is ``false``. ``excluded`` ones have no certain time or no truth: they are left out of the statistics of accuracy,
     which ``used`` ones enter. ``expected`` frames must have an answer. Before each frame ``never_came`` (M,) more were
-    expected; ``unplaced`` are those that were lost nobody knows when.
+    expected; ``unplaced`` are those that were lost nobody knows when. Where the station file says that there is no
+    truth, ``path`` is what a smooth path leaves of the answers, and decides which are false.
     """
 
     answered: NDArray[np.bool_]
@@ -68,6 +73,7 @@ class CountedFrames:
     unplaced: int
     used: NDArray[np.bool_]
     exclusions: tuple[Exclusion, ...]
+    path: SmoothPath | None = None
 
     @property
     def frames_expected(self) -> int:
@@ -97,14 +103,21 @@ def counted_frames(session: SessionData) -> CountedFrames:
     absences = excusing(Claim.ABSENCE, stretches)
     expected = ~excluded(frames["utc_ns"], absences)
     crossed = _Crossed(frames["cross_x_arcsec"], frames["cross_y_arcsec"], answered)
-    judged, false = _judged(session, crossed, confirmed, refuted, excluded_frames, stretches)
+    path = smooth_path(session) if session.station.subject and session.subject is Subject.SENSOR else None
+    if path is None:
+        judged, false = _judged(session, crossed, confirmed, refuted, excluded_frames, stretches)
+    else:
+        judged = answered & np.isfinite(path.across_arcsec)
+        false = judged & (path.across_arcsec > session.station.limits.false_beyond_arcsec)
     used = answered & ~false & ~excluded_frames & np.isfinite(frames["d_de_arcsec"])
     never_came = never_sent(frames)
     unplaced = max(session.panoramas_lost - int(never_came.sum()), 0)
     never_came[after_suspensions(session)] = 0
     for item in absences:
         never_came[1:][_touches(item, frames["utc_ns"])] = 0
-    return CountedFrames(answered, judged, false, excluded_frames, expected, never_came, unplaced, used, stretches)
+    return CountedFrames(
+        answered, judged, false, excluded_frames, expected, never_came, unplaced, used, stretches, path
+    )
 
 
 def after_suspensions(session: SessionData) -> list[int]:

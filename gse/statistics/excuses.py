@@ -421,9 +421,10 @@ def _clock_and_link(session: SessionData) -> Iterable[Exclusion]:
 def _without_sky(session: SessionData) -> Iterable[Exclusion]:
     """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky.
 
-    Before a star simulator there is no sky to fail, and stars that fit another camera show that the Sun was not up.
+    Before a star simulator and in orbit there is no sky to fail, and stars that fit another camera show that the Sun
+    was not up.
     """
-    if session.station.mount.inertial is not None:
+    if not session.station.is_under_sky:
         return ()
     starlit = any(event.kind in _SHOW_STARS for event in session.events)
     found = no_sky(session.frames.columns, session.station.site, starlit=starlit)

@@ -9,6 +9,7 @@ import numpy as np
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import AxisStatistics
 from gse.statistics.session_statistics import Statistics
+from gse.statistics.smooth_path import ABOUT, SmoothPath
 from gse.statistics.spatial_errors import ErrorPart, SpatialErrors
 from gse.statistics.subject_statistics import SubjectStatistics, ThermalError
 from gse.values.axis import D_ROLL, OF_SENSOR
@@ -44,7 +45,7 @@ def _of_subject(subject: SubjectStatistics, stats: Statistics) -> Iterator[Metri
         yield _bias(which, axis, of_axis)
         if which is Subject.ONBOARD and axis != D_ROLL.key:
             yield from _spatial(axis, stats.spatial[place] if stats.spatial else None)
-        yield _nea(which, axis, of_axis)
+        yield _nea(which, axis, of_axis) if stats.counted.path is None else _noise(which, axis, stats.counted.path)
         yield _drift(which, axis, of_axis, stats.duration_s)
         yield _thermal(which, axis, subject.thermal[axis])
     yield from _latency(subject)
@@ -99,6 +100,12 @@ def _nea(subject: Subject, axis: str, of_axis: AxisStatistics) -> Metric:
         of_axis.nea_low_arcsec,
         of_axis.nea_high_arcsec,
     )
+
+
+def _noise(subject: Subject, axis: str, path: SmoothPath) -> Metric:
+    note = f"about a smooth path through {ABOUT} answers: there is no truth, and slower errors are not seen"
+    name, value = "noise equivalent angle", path.noise_arcsec(axis)
+    return Metric(subject, name, "temporal noise", "temporal", axis, "arcsec (1 σ)", value, note=note)
 
 
 def is_drift_given(low: float, high: float, duration_s: float) -> bool:

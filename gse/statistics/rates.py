@@ -41,7 +41,7 @@ def rate_errors(session: SessionData) -> tuple[RateError, ...]:
     """The errors of the rates that came, none of a sensor that sends none, or whose mount is not known."""
     mount = session.alignment.mount if session.alignment else session.station.mount
     items = {item.name: number for number, item in enumerate(session.housekeeping.items)}
-    if mount.inertial is not None or (mount.align is not None and session.alignment is None):
+    if not session.station.is_under_sky or (mount.align is not None and session.alignment is None):
         return ()
     latitude = math.radians(session.station.site.latitude_deg)
     turn_enu = EARTH_RATE_ARCSEC_PER_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])

@@ -96,7 +96,7 @@ def statistics(session: SessionData) -> Statistics:
     given = {session.subject: (counted, _of_frames(session, counted).columns)}
     if own is not None and counted_own is not None:
         given[Subject.SENSOR] = counted_own, _sensor(own, counted_own).columns
-    if session.station.mount.inertial is not None:
+    if not session.station.is_under_sky:
         subjects = {name: replace(subject, earth_rate=NO_EARTH_RATE) for name, subject in subjects.items()}
     return Statistics(
         frames=len(frames),

@@ -135,7 +135,7 @@ class EarthRate:
 
 
 NO_EARTH_RATE = EarthRate(_NAN, _NAN, _NAN)
-"""Before a star simulator."""
+"""Before a star simulator, and in orbit."""
 
 
 @dataclass(frozen=True, slots=True)

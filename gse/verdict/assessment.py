@@ -426,6 +426,8 @@ def _without_sensor(own_answers: int) -> str:
 
 def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:
     limits = session.station.limits
+    if session.station.subject is not None:
+        return []
     lines = [line for axis in ON_SKY if (line := budget.complaint(axis, limits.of(axis), TRUTH_SHARE))]
     if lines or not len(session.sensor_attitudes):
         return lines

@@ -56,9 +56,15 @@ and again was away."""
 
 NOTHING_COMPARED = "nothing can pass: dRA*, dDE, availability and false answers are needed, and no subject has all"
 
+NO_TRUTH = (
+    "no truth: the station file says subject: sensor, so that only availability, noise and jumps of its answers show"
+)
+
 
 def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -> Iterator[str]:
     """A line per reason why a session cannot pass, the gravest first."""
+    if session.station.subject is not None:
+        yield NO_TRUTH
     left_out = tuple(_all_excluded(stats))
     yield from left_out
     yield from _much_excluded(session, stats)
@@ -77,7 +83,8 @@ def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) ->
     yield from parameter_differences(session)
     yield from _no_temperature(session)
     yield from (event.text for event in session.events if event.kind == StationKind.SENSOR_CLOCK)
-    yield from _untested_core(rows)
+    if session.station.subject is None:
+        yield from _untested_core(rows)
 
 
 def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
