@@ -103,8 +103,12 @@ def test_a_table_of_panoramas_is_the_session_of_its_objects(gse, tmp_path):
     assert gse("session", "import", tmp_path / "night.csv", "--station", station).code == 0
     out = gse("session", "export", tmp_path / "night.mcap", "--format", "csv").out
     found = list(csv.DictReader(out.splitlines()))
-    assert len(found) == 3 * len(lines) or len(found) == 3 * len(lines) + 1
-    assert "4 panoramas" in gse("why", tmp_path / "night.mcap").out
+    assert len(found) == 3 * len(lines) + 1
+    assert [(row["utc"], row["y_px"]) for row in (found[0], found[-1])] == [
+        ("2026-03-20T18:00:00.250000Z", "244.00000"),
+        ("2026-03-20T18:00:04.000000Z", ""),
+    ]
+    assert "4 panoramas, 3 identified, 0 lost" in gse("why", tmp_path / "night.mcap").out
 
 
 HEAD = "utc,valid,q1,q2,q3,q4"
