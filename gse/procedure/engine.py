@@ -466,7 +466,8 @@ class Run:
             return Done(StepOutcome.NOT_DONE, f"watched for {self._passed_s():.0f} of {act.for_s:g} s")
         outcome, words = self.bench.judge(from_ns, self.bench.now()[0], act)
         came = len(self.bench.session.frames) - frames
-        return Done(StepOutcome(outcome), f"{came} frames: {words or 'every row keeps its limit'}")
+        gone = "; the port is gone" if self.seen.link == "no port" else ""
+        return Done(StepOutcome(outcome), f"{came} frames: {words or 'every row keeps its limit'}{gone}")
 
     def _repeat(self, act: Repeat, number: str) -> _Ticks:
         outcomes = set()

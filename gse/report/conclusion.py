@@ -201,7 +201,8 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
 
 def _of_watched(report: dict[str, Any]) -> tuple[str, str, list[str]]:
     """The cause of what the steps saw that watched the sensor: of a step that was not done nothing is known."""
-    lacks_clock = report["verdict"] == "INCONCLUSIVE" and any(_CLOCK_WORD in reason for reason in report["reasons"])
+    was_done = all(step["outcome"] in ("PASS", "INCONCLUSIVE") for step in report["procedure"]["steps"])
+    lacks_clock = was_done and any(_CLOCK_WORD in reason for reason in report["reasons"])
     return _found(report) if report["diagnosis"] or lacks_clock else ("", "", [])
 
 

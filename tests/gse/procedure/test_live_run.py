@@ -100,15 +100,20 @@ def test_a_signal_ends_the_run_and_the_cleanup_is_done(begin, tmp_path, number):
     assert session.is_closed_judged_and_reported()
 
 
-def test_a_port_that_is_lost_in_a_step_is_no_fault_of_the_sensor(begin, tmp_path):
+@pytest.mark.parametrize(
+    ("step", "outcome"),
+    [("wait: {until: {sky: daylight}, at_most: 20s}", "not done"), ("watch: {for: 6s}", "INCONCLUSIVE")],
+    ids=["wait", "watch"],
+)
+def test_a_port_that_is_lost_in_a_step_is_no_fault_of_the_sensor(begin, tmp_path, step, outcome):
     with EmulatedSensor(tmp_path) as sensor:
-        process, session = begin("  - wait: {until: {sky: daylight}, at_most: 20s}\n")
+        process, session = begin(f"  - {step}\n")
         await_step(session, 1)
         sensor.unplug()
         assert ended(process) == EXIT_INCONCLUSIVE
         assert sensor.supply.read_text() == "off"
     _, log = log_of(session)
-    assert log["1"][0] == "not done"
+    assert log["1"][0] == outcome
     assert "the port is gone" in log["1"][1]
     assert log["cleanup 1"][0] == "not done"
     assert log["cleanup 2"][0] == "PASS"

@@ -136,11 +136,19 @@ def test_a_clock_of_unknown_error_is_the_cause_where_nothing_gross_is_and_its_re
     assert conclusion(unknown)["cause"] == "hot pixels: 12"
 
 
-def test_the_clock_is_the_first_step_of_a_procedure_that_it_left_undecided_not_of_one_that_failed(cloudy) -> None:
-    run = copy.deepcopy(cloudy) | {"procedure": {"name": "test", "steps": []}, "diagnosis": []}
-    run["reasons"] = ["step 1 INCONCLUSIVE", "dRA*: the error of the clock is not known"]
-    assert conclusion(run | {"verdict": "INCONCLUSIVE"})["next"].startswith(CLOCK_REMEDY)
-    assert conclusion(run | {"verdict": "FAIL"})["next"].startswith("mend what the step says")
+@pytest.mark.parametrize(
+    ("outcome", "verdict", "step"),
+    [
+        ("INCONCLUSIVE", "INCONCLUSIVE", CLOCK_REMEDY),
+        ("FAIL", "FAIL", "mend what the step says"),
+        ("not done", "INCONCLUSIVE", "mend what the step says"),
+    ],
+)
+def test_the_clock_is_the_first_step_of_a_procedure_that_it_alone_left_open(cloudy, outcome, verdict, step) -> None:
+    run = copy.deepcopy(cloudy) | {"verdict": verdict, "diagnosis": []}
+    run["procedure"] = {"name": "test", "steps": [{"outcome": "PASS"}, {"outcome": outcome}]}
+    run["reasons"] = [f"step 2 {outcome}", "dRA*: the error of the clock is not known"]
+    assert conclusion(run)["next"].startswith(step)
 
 
 def test_frames_that_a_line_lost_are_the_cause_of_a_fail_without_another(cloudy) -> None:
