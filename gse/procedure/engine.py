@@ -311,7 +311,8 @@ class Run:
     def _ask(self, question: Question, at_most_s: float) -> _Ticks:
         desk, began_ns = self.desk, read_clock().mono_ns
         if self._hurries or not desk.can_answer(question):
-            return Done(StepOutcome.NOT_DONE, "nobody can answer: run it in a terminal, with --view web or --answers")
+            way = "run it in a terminal, with --view web, or with --answers FILE that has a line"
+            return Done(StepOutcome.NOT_DONE, f"nobody can answer: {way} {question.label or question.number}: ..")
         desk.ask(question)
         try:
             while (read_clock().mono_ns - began_ns) / NS_PER_S < at_most_s:

@@ -583,7 +583,8 @@ def _problems(procedure: Procedure, station: Station, protocol: Protocol) -> Ite
                 yield from _of_conditions(step, act.items, protocol)
                 for share in act.shares:
                     if share.name not in measured:
-                        words = f"nothing is measured as {share.name} before; {near_words(share.name, measured)}"
+                        near = near_words(share.name, measured) if measured else "a wait with measure: names it"
+                        words = f"nothing is measured as {share.name} before; {near}"
                         yield step, step.places.get(share.name, here), words
             case Watch():
                 try:

@@ -164,7 +164,7 @@ def test_what_is_no_procedure_is_refused():
         ("  - check: {supply_v: 5 kg}\n", "supply_v has the unit 'kg'"),
         ("  - wait: {until: {mode: sleeping}}\n", "mode cannot be 'sleeping': known are"),
         ("  - wait: {until: {state: asleep}}\n", "state cannot be 'asleep': known are lost, acquired, searching"),
-        ("  - check: {first_fix_s: {share: 0.9, at_most: 1}}\n", "nothing is measured as first_fix_s before"),
+        ("  - check: {first_fix_s: {share: 0.9, at_most: 1}}\n", "first_fix_s before; a wait with measure: names it"),
         ("  - repeat: {times: 2, steps: [send: PIN]}\n", "step 1.1: no command 'PIN'; did you mean PING?"),
     ],
 )

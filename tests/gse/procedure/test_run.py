@@ -116,8 +116,8 @@ def test_a_step_may_fail_and_the_run_goes_on(run):
         ("  - send: {command: START, period: 1 ms}\n", "FAIL", "the sensor refuses START: out of range"),
         ("  - wait: {until: {state: silent}, at_most: 3s}\n", "FAIL", "after 3 s state is acquired  (expected silent)"),
         ("  - check: {power_a: [0, 1], at_most: 2s}\n", "INCONCLUSIVE", "after 2 s no value of power_a had come"),
-        ("  - tell: Take the cap off.\n", "not done", "nobody can answer"),
-        ("  - ask: {label: serial, text: Serial}\n", "not done", "nobody can answer"),
+        ("  - tell: Take the cap off.\n", "not done", "--answers FILE that has a line 1: .."),
+        ("  - ask: {label: serial, text: Serial}\n", "not done", "--answers FILE that has a line serial: .."),
     ],
 )
 def test_an_outcome_says_what_happened(run, steps, outcome, seen):
