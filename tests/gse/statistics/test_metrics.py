@@ -46,7 +46,12 @@ def subject_of(subject=Subject.ONBOARD, **changes):
 
 def found_of(*subjects, spatial=None, duration_s=3600.0):
     return metrics(
-        SimpleNamespace(subjects={one.subject: one for one in subjects}, spatial=spatial, duration_s=duration_s)
+        SimpleNamespace(
+            subjects={one.subject: one for one in subjects},
+            spatial=spatial,
+            duration_s=duration_s,
+            counted=SimpleNamespace(path=None),
+        )
     )
 
 
