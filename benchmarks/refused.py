@@ -123,6 +123,7 @@ def _given(folder: Path) -> Path:
     given.mkdir()
     (given / "station.yaml").write_text(BUILT_IN_TEXT + "alarms: {command: ['true']}\n")
     (given / "lab.yaml").write_text(LAB)
+    (given / "test.yaml").write_text(TEST)
     lights = np.zeros((64, 64), dtype=np.uint8)
     lights[5::6, 5::6] = 200
     Image.fromarray(lights).save(given / "image.png")
@@ -144,6 +145,7 @@ site: {name: lab, latitude_deg: 48, longitude_deg: 11, height_m: 500}
 mount: {inertial: {ra_deg: 83, de_deg: -2, roll_deg: 20}}
 screen: {pixel_pitch_mm: 0.1, columns: 1920, rows: 1080, focal_length_mm: 500, latency_ms: 30}
 """
+TEST = "{version: 1, name: test, station: station.yaml, steps: [wait: {for: 2s}, watch: {for: 20s}]}"
 
 
 # Every command, disturbed.
@@ -188,11 +190,15 @@ EVERY = {
     "status": "status {given}",
     "completion": "completion bash",
     "protocol check": "protocol check panorama-v1",
+    "procedure init": "procedure init {new}",
+    "procedure check": "procedure check {given}/test.yaml",
+    "procedure run": "procedure run {given}/test.yaml --out {new} --no-plots",
     "screen": "screen --station {given}/lab.yaml",
     "sensor start": "sensor start --station {given}/station.yaml",
     "sensor stop": "sensor stop --station {given}/station.yaml",
     "sensor status": "sensor status --station {given}/station.yaml",
     "sensor request": "sensor request --station {given}/station.yaml",
+    "sensor send": "sensor send PING --station {given}/station.yaml",
     "sensor exposure": "sensor exposure 0.2 --station {given}/station.yaml",
     "alarms test": "alarms test --station {given}/station.yaml",
     "ci": "ci {given} --update",

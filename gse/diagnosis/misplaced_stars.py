@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.errors import TruthError
 from gse.station.columns import STATUSES
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import xy_px_of
@@ -163,7 +164,11 @@ def _attitude(session: SessionData, row: int) -> NDArray[np.float64] | None:
     if session.earth_orientation is None or not mount.stated:
         return None
     truth = SiderealTruth(session.station.site, session.earth_orientation)
-    return np.asarray(product(horizon_to_sensor(mount), truth.icrs_to_horizon(int(frames["utc_ns"][row]))))
+    try:
+        icrs_to_horizon = truth.icrs_to_horizon(int(frames["utc_ns"][row]))
+    except TruthError:  # a clock that leapt by years, in some frames
+        return None
+    return np.asarray(product(horizon_to_sensor(mount), icrs_to_horizon))
 
 
 def _one_sided(

@@ -239,4 +239,4 @@ def test_neither_an_emulator_nor_a_star_simulator_has_a_day():
 def test_the_gravest_obstacle_comes_first(steady):
     made = fitted(steady, replace(STATED, altitude_deg=10.0), replace(STATED, align="first 60 s"))
     told = lines(made, seconds(0, 1000, Cause.CLOCK_STEP, "a step"), rows=())
-    assert [line.split(" ")[0] for line in told] == ["all", "1000", "the", "no"]
+    assert [line.split(" ")[0] for line in told] == ["all", "1000", "the", "nothing"]
