@@ -86,11 +86,9 @@ def test_a_recorded_file_that_is_refused_today_is_judged_reported_and_shared(gse
         assert [event.kind for event in session.events].count(StationKind.OLD_STATION) == 1
     site = parse_recorded(blurred_station(text)).site
     assert (site.latitude_deg, site.longitude_deg) == (-7, 107)
-    for command in ("why", "align"):
+    # A lens that folds finds none of these stars: nothing can be fitted with it.
+    for command in ("why",) if text is FOLDED else ("why", "calibrate", "align"):
         assert gse(command, path).code not in (2, 70)
-    assert gse("calibrate", path).code in (
-        (0, 2) if text is FOLDED else (0,)
-    )  # no camera is fitted from one that folds
 
 
 def test_a_recorded_text_that_never_was_a_station_file_is_refused_with_the_words_of_today() -> None:
