@@ -269,7 +269,7 @@ def night(seconds: float) -> None:
                     light[top : top + len(levels), left : left + levels.shape[1]] = (levels / 255) ** 2.2
                 xy_px, index = extract_sub_pixel(np.rint(light * 4095).astype(np.uint16))
                 message = PanoramaMessage(round(at_ms * 1000), sent, EXPOSURE_S, frozenset(), 20.0, xy_px, index)
-                endpoint.send(protocol.encode(message, sent % 256))
+                endpoint.send(protocol.encode(message, sent % 65536))
                 sent += 1
                 time.sleep(max(due_s - time.monotonic(), 0))
         (report,) = Path(folder).glob("*/report.json")

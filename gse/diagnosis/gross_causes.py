@@ -231,9 +231,9 @@ def _about_one_axis(
 
         def moved(angle: float, under: GrossHypothesis) -> GrossHypothesis:
             value = getattr(under.mount, f"{name}_deg") + sign * math.degrees(angle)
-            if name == "altitude" and abs(value) > 90:
-                return under
-            changed: dict[str, Any] = {f"{name}_deg": value if name == "altitude" else value % 360}
+            # Noise alone takes a fit of a mount at the zenith beyond it; what is really beyond fits nothing at 90 deg.
+            in_range = min(max(value, -90.0), 90.0) if name == "altitude" else value % 360
+            changed: dict[str, Any] = {f"{name}_deg": in_range}
             return replace(under, mount=replace(under.mount, **changed))
 
         return moved

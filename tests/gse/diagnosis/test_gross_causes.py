@@ -130,6 +130,16 @@ def test_a_latitude_that_is_wrong_is_named():
     assert "site.latitude_deg: 53.200" in finding.size
 
 
+@pytest.mark.parametrize("beyond_deg", [0.0, 0.0005])
+def test_a_mount_at_the_zenith_or_a_hair_beyond_is_an_equal_of_the_latitude(beyond_deg):
+    true = Mount(azimuth_deg=180.0, altitude_deg=90.0 - beyond_deg, roll_deg=205.0)
+    stated = Mount(azimuth_deg=0.0, altitude_deg=89.5, roll_deg=25.0)
+    finding = found(MUNICH, stated, true_mount=true)
+    told = [finding.cause + ": " + finding.size, *finding.equals]
+    assert any("mount.altitude_deg: 90.000" in text for text in told), told
+    assert any("latitude (" in text or text.startswith("latitude:") for text in told), told
+
+
 def test_another_town_is_named_with_its_place():
     finding = found(MUNICH, MOUNT, true_site=replace(MUNICH, latitude_deg=46.9, longitude_deg=9.5))
     assert finding.cause == "site"
