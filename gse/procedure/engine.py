@@ -8,10 +8,11 @@ any more, without waiting.
 Time is that of the data: of the host's clock on a live port, of the simulation on a simulated one.
 """
 
+import inspect
 import math
 import queue
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from typing import Any
@@ -176,7 +177,7 @@ class Run:
         self.is_over = False
         self._first, self._say = first, say
         self._bench: Bench | None = None
-        self._ticks: Iterator[None] | None = None
+        self._ticks: Generator[None, None, None] | None = None
         self._was_interrupted = self._hurries = False
         self._began_ns = 0
         self._measured: dict[str, list[float]] = defaultdict(list)
@@ -198,8 +199,7 @@ class Run:
         reason = self.bench.interrupted()
         try:
             if reason and not self._was_interrupted:
-                self._was_interrupted = True
-                self._ticks.throw(_Interrupted(reason))  # type: ignore[attr-defined]
+                self._interrupt(self._ticks, reason)
             else:
                 next(self._ticks)
         except StopIteration:
@@ -217,13 +217,18 @@ class Run:
             return
         try:
             if not self._was_interrupted:
-                self._was_interrupted = True
-                self._ticks.throw(_Interrupted(reason))  # type: ignore[attr-defined]
+                self._interrupt(self._ticks, reason)
             for _ in self._ticks:
                 pass
         except StopIteration:
             pass
         self.is_over = True
+
+    def _interrupt(self, ticks: Generator[None, None, None], reason: str) -> None:
+        self._was_interrupted = True
+        if inspect.getgeneratorstate(ticks) == inspect.GEN_CREATED:
+            next(ticks)  # to its first wait: a run that has not begun takes no interruption
+        ticks.throw(_Interrupted(reason))
 
     @property
     def bench(self) -> Bench:
@@ -234,12 +239,15 @@ class Run:
     # The run
 
     def _run(self) -> Generator[None, None, None]:
-        yield  # the first tick comes with the first data
+        ended = ""
+        try:
+            yield  # the first tick comes with the first data
+        except _Interrupted as reason:
+            ended = str(reason)
         steps = self.procedure.steps
         at = next((n for n, step in enumerate(steps) if step.number == self._first), 0)
         for step in steps[:at]:
             self._leave(step, f"the run began at step {self._first}")
-        ended = ""
         try:
             while at < len(steps) and not ended:
                 step, at = steps[at], at + 1

@@ -7,6 +7,10 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.procedure.desk import Desk
+from gse.procedure.engine import Run
+from gse.procedure.file import parse_procedure
+from gse.station.events import StationKind
 
 STATION = """\
 version: 1
@@ -102,6 +106,37 @@ def test_a_step_that_fails_ends_the_run_and_the_cleanup_is_done(run):
     assert (ran.code, ran.report["verdict"]) == (EXIT_FAIL, "FAIL")
     assert ran.report["conclusion"]["reason"].startswith("step 1 FAIL: supply_v is 5 V")
     assert ran.report["procedure"]["deviations"] == ["step 2 was not done"]
+
+
+class QuietBench:
+    """A bench on which nothing happens but that somebody ends the run; it keeps what is recorded."""
+
+    def __init__(self, reason=""):
+        self.reason, self.recorded = reason, []
+
+    def now(self):
+        return 0, 0
+
+    def interrupted(self):
+        return self.reason
+
+    def record(self, kind, text):
+        self.recorded.append((kind, text))
+
+
+@pytest.mark.parametrize("ends", ["at the first tick", "before any tick"])
+def test_a_run_that_is_ended_before_its_first_step_leaves_every_step_by_name(ends):
+    bench = QuietBench("Ctrl-C")
+    one = Run(parse_procedure(HEAD + "steps:\n  - wait: {for: 5s}\n  - wait: {for: 6s}\n", "test"), Desk())
+    one.begin(bench)
+    if ends == "at the first tick":
+        one.tick()
+    else:
+        one.finish("Ctrl-C")
+    assert one.is_over
+    left = [text for kind, text in bench.recorded if kind == StationKind.STEP_DONE]
+    assert [text.split(" | ")[:2] for text in left] == [["1", "not done"], ["2", "not done"]]
+    assert all("Ctrl-C" in text for text in left)
 
 
 def test_a_step_may_fail_and_the_run_goes_on(run):
