@@ -23,6 +23,7 @@ _NO_SKY = (Cause.NO_SKY, Cause.NO_OBJECTS)
 _NIGHT_STEP = "repeat it under a clear, dark sky, without a lens cap; when it is dark: gse preflight --station FILE"
 _CLOCK_STEP = f"{CLOCK_REMEDY}; for this session: gse report SESSION --clock-error 0.1s"
 _CLOCK_WORD = "the error of the clock is not known"
+_SILENT_STEP = "look at power, cable and port, and whether the sensor must be started: gse preflight --station FILE"
 _UNREADABLE_STEP = "find the protocol: gse decode --try SESSION"
 _LINE_STEP = "look at what did not arrive whole, then at cable and baud rate: gse decode SESSION --discards"
 _STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
@@ -170,7 +171,7 @@ def _found(report: dict[str, Any]) -> tuple[str, str, list[str]]:
         return f"{first['cause']}: {first['size']}", ", ".join(first["equals"]), steps
     set_up = next((reason for reason in report["reasons"] if reason.startswith(SET_UP)), "")
     cause, _, step = set_up.removeprefix(SET_UP).partition("; next: ")
-    if not cause and report["verdict"] != "PASS":
+    if not cause and report["verdict"] != "PASS" and report["identification"]["frames"]:
         cause = next(_obstacles(report), "")
     link = report["link"]
     if not cause and report["verdict"] == "FAIL" and link["frames_lost"]:
@@ -188,8 +189,8 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
         return [_PROCEDURE_STEP]
     if report.get("external_identifier", {}).get("failures"):
         steps.append(_STDERR_STEP)
-    if not report["identification"]["frames"] and report["link"]["bytes_in"] and not steps:
-        steps.append(_UNREADABLE_STEP)
+    if not report["identification"]["frames"] and not steps:
+        steps.append(_UNREADABLE_STEP if report["link"]["bytes_in"] else _SILENT_STEP)
     if not steps and _saw_no_sky(report):
         steps.append(_NIGHT_STEP)
     if not steps and _was_blind(report):

@@ -112,16 +112,20 @@ def test_rows_without_data_are_not_listed_and_a_required_one_is(cloudy) -> None:
 
 
 def test_bytes_without_a_frame_are_named_as_what_they_are(cloudy) -> None:
-    junk = copy.deepcopy(cloudy) | {"diagnosis": [], "findings": [], "reasons": []}
+    untrue = "dRA*: it cannot be judged, because the error of the sidereal truth is not known"
+    junk = copy.deepcopy(cloudy) | {"diagnosis": [], "findings": [], "reasons": [untrue]}
     junk["identification"]["frames"] = 0
     junk["session"]["first_utc"] = None
     junk["link"] |= {"bytes_in": 3000, "bytes_discarded": 3000}
     told = conclusion(junk)
     assert told["reason"] == "3,000 bytes, and no valid frame in them"
+    assert told["cause"] == ""
     assert told["next"].endswith("gse decode --try SESSION")
     assert told["subject"] == "LAPAN-like (onboard), no frame came"
     junk["link"] |= {"bytes_in": 0, "bytes_discarded": 0}
-    assert conclusion(junk)["reason"] == "nothing came: not one byte was received"
+    silent = conclusion(junk)
+    assert silent["reason"] == "nothing came: not one byte was received"
+    assert silent["next"].startswith("look at power, cable and port")
 
 
 def test_a_clock_of_unknown_error_is_the_cause_where_nothing_gross_is_and_its_remedy_is_the_first_step(cloudy) -> None:
