@@ -300,11 +300,7 @@ def command(
             report, found = session.run(receive, ending, clock_error_s, plots=plots)
             if report:
                 live_outputs.conclude(report)
-        terminal.settle()
-        if report:
-            show_report(report, session.folder or out, printed, json_frames=live.json_frames)
-        terminal.settle()
-        ctx.exit(session.finish(report, found))
+        ctx.exit(session.end(report, found, out, printed, json_frames=live.json_frames))
 
 
 class OneSession:
@@ -370,6 +366,16 @@ class OneSession:
 
         keep_live(live.session, assessment, live.folder, say_line)
         return report
+
+    def end(
+        self, report: dict[str, Any] | None, found: list[Applied], out: Path, printed: Printed, *, json_frames: bool
+    ) -> int:
+        """Print what came out, and the exit code, which is returned."""
+        terminal.settle()
+        if report:
+            show_report(report, self.folder or out, printed, json_frames=json_frames)
+        terminal.settle()
+        return self.finish(report, found)
 
     def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
         """Print the paths and the exit code."""
@@ -503,11 +509,7 @@ def run_procedure(
         report, found = session.run(receive, ending, None, plots=plots)
         if report:
             outputs.conclude(report)
-        terminal.settle()
-        if report:
-            show_report(report, session.folder or out, printed, json_frames=live.json_frames)
-        terminal.settle()
-        ctx.exit(session.finish(report, found))
+        ctx.exit(session.end(report, found, out, printed, json_frames=live.json_frames))
 
 
 _STARTS = """\

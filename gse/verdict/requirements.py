@@ -228,8 +228,22 @@ class SlewStep:
         return Outcome.PASS if outcomes == {Outcome.PASS} else Outcome.INCONCLUSIVE
 
 
+class _OfSession:
+    """What belongs to a session and not to one of its subjects: no greater length decides it, nothing is compared."""
+
+    __slots__ = ()
+
+    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
+        """Not known."""
+        return math.nan
+
+    def bounded(self, subject: SubjectStatistics) -> Bounded:
+        """Not known of a subject alone."""
+        return Bounded(math.nan, math.nan, math.nan)
+
+
 @dataclass(frozen=True, slots=True)
-class BySlewSteps:
+class BySlewSteps(_OfSession):
     """The highest rate up to which every step keeps its limits, which must reach a limit."""
 
     def row(self, asked: Criterion, case: Case) -> Row:
@@ -253,17 +267,9 @@ class BySlewSteps:
         reason = f"{asked.label}: {kept:g} {asked.unit} is shown; add a step at the limit of {asked.limit:g} to --rates"
         return dataclasses.replace(row, outcome=Outcome.INCONCLUSIVE, reason=reason)
 
-    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
-        """Not known: each step has its own."""
-        return math.nan
-
-    def bounded(self, subject: SubjectStatistics) -> Bounded:
-        """Not compared."""
-        return Bounded(math.nan, math.nan, math.nan)
-
 
 @dataclass(frozen=True, slots=True)
-class ByCurrent:
+class ByCurrent(_OfSession):
     """A current of the supply, which belongs to the session and not to one of its subjects."""
 
     current: Callable[[PowerUse], float]
@@ -272,17 +278,9 @@ class ByCurrent:
         """The row, the same below each subject."""
         return ByValue(lambda _: self.current(case.statistics.power)).row(asked, case)
 
-    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
-        """Not known: it is decided."""
-        return math.nan
-
-    def bounded(self, subject: SubjectStatistics) -> Bounded:
-        """Not known of a subject alone."""
-        return Bounded(math.nan, math.nan, math.nan)
-
 
 @dataclass(frozen=True, slots=True)
-class ByRate:
+class ByRate(_OfSession):
     """The largest figure of the rates about the axes, which belong to the session, decided by its sampling bounds.
 
     Truth is the Earth's rate: an error of the mount along some axes puts as large a part of it on others. Scatter has
@@ -307,10 +305,6 @@ class ByRate:
     def times_left(self, row: Row, subject: SubjectStatistics) -> float:
         """Further lengths of the session after which an undecided row is decided."""
         return figure_times(row)
-
-    def bounded(self, subject: SubjectStatistics) -> Bounded:
-        """Not known of a subject alone."""
-        return Bounded(math.nan, math.nan, math.nan)
 
 
 def _bias(rate: RateError) -> tuple[float, Bounds]:
@@ -700,7 +694,7 @@ _LOWEST, _HIGHEST = ", lowest", ", highest"
 
 
 @dataclass(frozen=True, slots=True)
-class ByItem:
+class ByItem(_OfSession):
     """The lowest value of an item must reach its limit (``at_least``), or the highest must not exceed it."""
 
     item: str
@@ -719,14 +713,6 @@ class ByItem:
         word = "lowest" if self.at_least else "highest"
         reason = f"{self.item} is {value:.6g} {asked.unit}, its {word} value, the limit is {asked.limit:g} {asked.unit}"
         return dataclasses.replace(row, outcome=Outcome.FAIL, reason=reason)
-
-    def times_left(self, row: Row, subject: SubjectStatistics) -> float:
-        """Not known: a value that came is decided."""
-        return math.nan
-
-    def bounded(self, subject: SubjectStatistics) -> Bounded:
-        """Nothing: two sessions are not compared by it."""
-        return Bounded(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

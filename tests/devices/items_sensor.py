@@ -11,3 +11,12 @@ ITEMS_TEXT = re.findall(
 )[0]
 ITEMS: Protocol = parse_protocol(ITEMS_TEXT, "items.yaml")
 HEALTHY = {"mode": "standby", "faults": frozenset(), "supply_v": 5.0, "detector_degc": 20.0, "gain_db": 12.0}
+LINES = """
+version: 1
+name: lines
+byte_order: little
+framing: {kind: line, separator: ","}
+header: [{name: type, type: word}]
+checksum: {name: none}
+"""
+"""The head of a format of lines, before its messages."""

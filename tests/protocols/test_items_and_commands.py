@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from devices.items_sensor import HEALTHY, ITEMS, ITEMS_TEXT
+from devices.items_sensor import HEALTHY, ITEMS, ITEMS_TEXT, LINES
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,13 +28,9 @@ from protocols import (
     parse_protocol,
 )
 
-LINES = """
-version: 1
-name: lines
-byte_order: little
-framing: {kind: line, separator: ","}
-header: [{name: type, type: word}]
-checksum: {name: none}
+OF_LINES = (
+    LINES
+    + """\
 messages:
   ATTITUDE:
     code: ATT
@@ -51,6 +47,7 @@ messages:
 commands:
   SET_HEATER: {code: HEAT, arguments: [{name: current, type: decimal, unit: mA, range: [0, 500]}], answer: OK}
 """
+)
 
 
 def frame_of(
@@ -102,7 +99,7 @@ def test_a_panorama_has_items_before_its_objects() -> None:
 
 
 def test_items_of_a_line_of_text_stand_behind_its_fields() -> None:
-    protocol = parse_protocol(LINES, "lines.yaml")
+    protocol = parse_protocol(OF_LINES, "lines.yaml")
     decoder = FrameDecoder(protocol, from_sensor=True)
     [frame] = decoder.feed(b"ATT,1500,10.5,-3.25,busy,12.5,9\r\n")
     assert isinstance(frame, Frame)

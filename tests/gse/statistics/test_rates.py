@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from devices.items_sensor import LINES
 from skies.synthetic_night import START_NS, synthetic_night
 
 from gse.report.page import report_html
@@ -20,13 +21,9 @@ from gse.values.mount import MountUncertainty
 from gse.verdict.assessment import judge
 from protocols import parse_protocol
 
-TEXT = """
-version: 1
-name: rates
-byte_order: little
-framing: {kind: line, separator: ","}
-header: [{name: type, type: word}]
-checksum: {name: none}
+TEXT = (
+    LINES
+    + """\
 messages:
   RATE:
     code: RATE
@@ -36,6 +33,7 @@ messages:
       - {name: rate_y, type: decimal, unit: deg/s}
       - {name: rate_z, type: decimal, unit: deg/s}
 """
+)
 PROTOCOL = parse_protocol(TEXT, "rates.yaml")
 SECOND_NS = 10**9
 

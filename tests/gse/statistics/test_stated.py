@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from devices.items_sensor import LINES
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from skies.own_answers import with_answers, without_error
@@ -21,13 +22,9 @@ from gse.values.attitude_convention import AnswerRotation, AttitudeConvention, r
 from gse.verdict.assessment import judge
 from protocols import parse_protocol
 
-TEXT = """
-version: 1
-name: stated
-byte_order: little
-framing: {kind: line, separator: ","}
-header: [{name: type, type: word}]
-checksum: {name: none}
+TEXT = (
+    LINES
+    + """\
 messages:
   ATTITUDE:
     code: ATT
@@ -41,6 +38,7 @@ messages:
       - {name: sigma_y, type: decimal, unit: mdeg}
       - {name: sigma_z, type: decimal, unit: arcsec}
 """
+)
 PROTOCOL = parse_protocol(TEXT, "stated.yaml")
 UNITS_ARCSEC = np.array([1.0, 3.6, 1.0])
 COUNT = 600
