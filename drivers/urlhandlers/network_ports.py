@@ -43,7 +43,7 @@ class Suboption(NamedTuple):
     data: bytes
 
 
-class Command(NamedTuple):
+class TelnetCommand(NamedTuple):
     """Any other command."""
 
     command: bytes
@@ -56,7 +56,7 @@ class TelnetParser:
         self._begun = b""
         self._suboption: bytearray | None = None
 
-    def feed(self, received: bytes) -> Iterator[Data | Option | Suboption | Command]:
+    def feed(self, received: bytes) -> Iterator[Data | Option | Suboption | TelnetCommand]:
         """The parts that are complete, in their order."""
         data, self._begun = self._begun + received, b""
         place = 0
@@ -82,7 +82,7 @@ class TelnetParser:
         if len(self._suboption) > LONGEST_SUBOPTION:
             raise ValueError(f"a telnet suboption of more than {LONGEST_SUBOPTION} bytes")
 
-    def _command(self, command: bytes, option: bytes) -> Iterator[Data | Option | Suboption | Command]:
+    def _command(self, command: bytes, option: bytes) -> Iterator[Data | Option | Suboption | TelnetCommand]:
         if command == IAC:
             yield from self._plain(IAC)
         elif command == SB:
@@ -94,7 +94,7 @@ class TelnetParser:
         elif option:
             yield Option(command, option)
         else:
-            yield Command(command)
+            yield TelnetCommand(command)
 
 
 MOST_PIECES = 4096
@@ -149,7 +149,7 @@ class Rfc2217Port(_Connection, _PyserialRfc2217):  # type: ignore[misc]
                 return bytes(self._socket.recv(_PIECE_BYTES))
         return b""
 
-    def _take(self, part: Data | Option | Suboption | Command) -> None:
+    def _take(self, part: Data | Option | Suboption | TelnetCommand) -> None:
         if isinstance(part, Data):
             self._put(part.data)
         elif isinstance(part, Option):

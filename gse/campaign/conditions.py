@@ -122,7 +122,7 @@ class Holding:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class BinnedCondition:
     """The bins of one condition that have frames, in order; ``holding`` of an angle to Moon or Sun."""
 
     name: str
@@ -180,7 +180,7 @@ _KINDS = (
 
 def conditions(
     dataset: DataSet, sessions: Iterable[Session], subject: Subject, rows: Iterable[CampaignRow]
-) -> list[Condition]:
+) -> list[BinnedCondition]:
     """The conditions of one sensor's sessions; ``rows`` have the limits that say whether it holds."""
     limits = {row.name: row.limit for row in rows if row.subject == subject.value}
     found: dict[str, dict[int, dict[str, list[_Tally]]]] = {kind.name: {} for kind in _KINDS}
@@ -278,9 +278,9 @@ def _successive_squares(columns: dict[str, NDArray[np.float64]], place: NDArray[
     return np.where(fit, squares, _NAN)
 
 
-def _condition(kind: _Kind, found: dict[int, dict[str, list[_Tally]]], limits: dict[str, float]) -> Condition:
+def _condition(kind: _Kind, found: dict[int, dict[str, list[_Tally]]], limits: dict[str, float]) -> BinnedCondition:
     bins = tuple(_bin(kind.width, place, nights, limits) for place, nights in sorted(found.items()))
-    return Condition(kind.name, kind.unit, bins, holding(bins) if kind.is_angle and bins else None)
+    return BinnedCondition(kind.name, kind.unit, bins, holding(bins) if kind.is_angle and bins else None)
 
 
 def _bin(width: float, place: int, nights: dict[str, list[_Tally]], limits: dict[str, float]) -> Bin:

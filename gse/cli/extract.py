@@ -102,12 +102,12 @@ def _annotated(picture: "Picture", objects: "Objects", station_path: Path | None
     import numpy as np
     from PIL import Image, ImageDraw
 
-    from gse.cli.identify import Seen, identified
+    from gse.cli.identify import SeenObjects, identified
 
     xy_px, index = objects
     light = picture.light()
     rows, columns = light.shape
-    seen = Seen(xy_px.astype(np.float64), index.astype(np.float64), (columns, rows), picture.focal_length_px)
+    seen = SeenObjects(xy_px.astype(np.float64), index.astype(np.float64), (columns, rows), picture.focal_length_px)
     result, _ = identified(seen, station_path) if len(index) else (None, "")
     names = {match.object: match.star for match in result.matches} if result else {}
     dark, bright = np.percentile(light, [50, 99.9])

@@ -69,7 +69,7 @@ def command(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class SeenObjects:
     """Pixels (N, 2) and index values (N,) of objects; of an image also columns and rows, and EXIF's focal length."""
 
     xy_px: NDArray[np.float64]
@@ -78,20 +78,20 @@ class Seen:
     focal_length_px: float | None = None
 
 
-def seen_in(path: Path) -> Seen:
+def seen_in(path: Path) -> SeenObjects:
     """The objects of a table or of an image."""
     from gse.imaging.extraction import extract_sub_pixel
     from gse.imaging.image_file import KNOWN_SUFFIXES, read_picture
 
     if path.suffix.lower() not in KNOWN_SUFFIXES:
-        return Seen(*read_panorama_table(path))
+        return SeenObjects(*read_panorama_table(path))
     picture = read_picture(path)
     rows, columns = picture.counts.shape
-    return Seen(*extract_sub_pixel(picture.light(), step=picture.step), (columns, rows), picture.focal_length_px)
+    return SeenObjects(*extract_sub_pixel(picture.light(), step=picture.step), (columns, rows), picture.focal_length_px)
 
 
 def identified(
-    seen: Seen, station_path: Path | None, identifier: str | None = None, utc_ns: int = 0
+    seen: SeenObjects, station_path: Path | None, identifier: str | None = None, utc_ns: int = 0
 ) -> tuple[FrameResult | None, str]:
     """The result with a station file, or with a camera that is searched for, None without any; what identified it."""
     station, text = station_of(station_path)
@@ -116,7 +116,7 @@ def _observed(panorama: Panorama, station: Station, text: str) -> tuple[FrameRes
     return StationLoop(setup).observe(panorama), setup.station.identifier.label
 
 
-def found_station(seen: Seen) -> str | None:
+def found_station(seen: SeenObjects) -> str | None:
     """A station file with a camera that fits the objects of a picture, found by search and told; None where none fits.
 
     Its site is none.

@@ -78,14 +78,14 @@ def _gamma(stars: NDArray[np.void], session: SessionData, screen: Screen) -> Ite
     if session.stars is None or not session.shown.shown or not len(stars):
         return
     from gse.imaging.screen_fit import (
-        SeenStars,
+        ScreenStars,
         fit_gamma,
     )  # optimisers, which sessions under the sky need not wait for
 
     star, utc_ns = stars["star"].astype(np.int64), session.frames.columns["utc_ns"][stars["frame"]]
     nowhere = np.zeros((len(star), 3))
     magnitude, index = session.stars.magnitude[star], stars["brightness"].astype(np.float64)
-    seen = SeenStars(nowhere[:, :2], nowhere, magnitude, index, utc_ns, star)
+    seen = ScreenStars(nowhere[:, :2], nowhere, magnitude, index, utc_ns, star)
     sky = replace(session.shown, shown=list(session.shown.shown))
     gamma, half_width = fit_gamma(seen, sky, screen, session.station.sensor.index_max)
     if abs(gamma - screen.gamma) > max(_SIGMAS / 2 * half_width, _LEAST_GAMMA):

@@ -70,7 +70,7 @@ class CentroidNoise:
 
 
 @dataclass(frozen=True, slots=True)
-class Housekeeping:
+class StatusSummary:
     """What STATUS frames told; ranges are (least, greatest), NaN where the protocol has no such field."""
 
     frames: int
@@ -92,7 +92,7 @@ class SensorHealth:
     false_objects: float
     brightness_mag_per_h: Trend | None
     centroid_noise: CentroidNoise | None
-    housekeeping: Housekeeping | None
+    housekeeping: StatusSummary | None
 
 
 def sensor_health(session: SessionData) -> SensorHealth:
@@ -210,11 +210,11 @@ def _against_light(noise_px: NDArray[np.float64], index: NDArray[np.float64]) ->
     )
 
 
-def _housekeeping(messages: list[StatusMessage]) -> Housekeeping | None:
+def _housekeeping(messages: list[StatusMessage]) -> StatusSummary | None:
     if not messages:
         return None
     firmware = (firmware_text(message) for message in messages if message.firmware)
-    return Housekeeping(
+    return StatusSummary(
         len(messages),
         _range([message.supply_v for message in messages]),
         _range([message.temperature_c for message in messages]),

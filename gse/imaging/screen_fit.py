@@ -49,7 +49,7 @@ _SATURATED = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenStars:
+class ScreenStars:
     """Stars (N,) as the sensor saw them: pixels (N, 2), directions in ICRS (N, 3), magnitudes, index values, UTC.
 
     ``star`` (N,) is its row in the catalogue.
@@ -81,7 +81,7 @@ def seen_stars(
     icrs: NDArray[np.float64],
     magnitude: NDArray[np.float64],
     sky: ShownSky,
-) -> SeenStars:
+) -> ScreenStars:
     """The stars of panoramas whose answers name rows of a catalogue, without those over a change of the scene."""
     kept = [(panorama, answer) for panorama, answer in named if sky.is_settled(panorama.utc_ns, panorama.exposure_s)]
     if not kept:
@@ -89,7 +89,7 @@ def seen_stars(
     stars = np.concatenate([answer.stars for _, answer in kept])
     counts = [len(answer.stars) for _, answer in kept]
     utc_ns = np.repeat(np.array([panorama.utc_ns for panorama, _ in kept], dtype=np.int64), counts)
-    return SeenStars(
+    return ScreenStars(
         np.concatenate([panorama.xy_px[answer.objects] for panorama, answer in kept]),
         icrs[stars],
         magnitude[stars],
@@ -99,13 +99,13 @@ def seen_stars(
     )
 
 
-def fit_screen(seen: SeenStars, sky: ShownSky, stated: Screen, sensor: Camera, index_max: int) -> ScreenFit:
+def fit_screen(seen: ScreenStars, sky: ShownSky, stated: Screen, sensor: Camera, index_max: int) -> ScreenFit:
     """The screen that explains what was seen; UsageError of too few stars.
 
     ``sky`` is what was shown, by a page that drew it for the ``stated`` screen.
     """
     on_screen = stated.camera().contains(stated.camera().pixels(_turned(sky, seen, 0)))  # others are misnamed
-    seen = SeenStars(*(getattr(seen, item.name)[on_screen] for item in fields(seen)))
+    seen = ScreenStars(*(getattr(seen, item.name)[on_screen] for item in fields(seen)))
     stars = len(np.unique(seen.star))
     if stars < _FEWEST_STARS:
         raise UsageError(f"{stars} stars of the screen were seen; the fit of a screen needs {_FEWEST_STARS}")
@@ -148,7 +148,7 @@ class _Geometry:
     free: tuple[int, ...]
 
     @classmethod
-    def from_stars(cls, seen: SeenStars, sky: ShownSky, stated: Screen, sensor: Camera) -> "_Geometry":
+    def from_stars(cls, seen: ScreenStars, sky: ShownSky, stated: Screen, sensor: Camera) -> "_Geometry":
         from scipy.spatial.transform import Rotation
 
         camera, half_ns = stated.camera(), round(_HALF_S * NS_PER_S)
@@ -227,7 +227,7 @@ class _Geometry:
         return np.asarray(product(erfa.rv2m(everything[_TURN]), self.rotation))
 
 
-def _turned(sky: ShownSky, seen: SeenStars, later_ns: int) -> NDArray[np.float64]:
+def _turned(sky: ShownSky, seen: ScreenStars, later_ns: int) -> NDArray[np.float64]:
     """Directions (N, 3) of stars in the axes of the screen, so much later than they were seen."""
     utc_ns, rows = np.unique(seen.utc_ns, return_inverse=True)
     index = sky.index_at(utc_ns)
@@ -249,7 +249,7 @@ def _clustered_half_widths(
     return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
 
 
-def fit_gamma(seen: SeenStars, sky: ShownSky, stated: Screen, index_max: int) -> tuple[float, float]:
+def fit_gamma(seen: ScreenStars, sky: ShownSky, stated: Screen, index_max: int) -> tuple[float, float]:
     """The panel's gamma with its half-width of 95 %, by index values of stars at rest; NaN where too few tell it."""
     rates = np.array([item.rate_deg_per_s for item in sky.shown])
     usable = (rates[sky.index_at(seen.utc_ns)] == 0) & (seen.index < _SATURATED * index_max)

@@ -28,7 +28,7 @@ from gse.procedure.desk import STOPS, Desk, Question
 from gse.procedure.file import (
     Act,
     Ask,
-    Check,
+    CheckNow,
     Procedure,
     Repeat,
     Send,
@@ -303,7 +303,7 @@ class Run:
                 return self._wait(act)
             case Send():
                 return self._send(act)
-            case Check():
+            case CheckNow():
                 return self._check(act)
             case Watch():
                 return self._watch(act)
@@ -437,7 +437,7 @@ class Run:
         came = f"; {awaited.wrong}" if awaited.wrong else ""
         return Done(StepOutcome.FAIL, f"no answer within {at_most_s:g} s: expected {layout.expected}{came}")
 
-    def _check(self, act: Check) -> _Ticks:
+    def _check(self, act: CheckNow) -> _Ticks:
         words, outcomes = [], []
         if act.items:
             while missing := act.items.keys() - (values := self._values()).keys():

@@ -97,7 +97,7 @@ class ShareOf:
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class CheckNow:
     """Items have their values now; ``shares`` are of what was measured before."""
 
     items: Conditions
@@ -122,7 +122,7 @@ class Repeat:
     steps: tuple["Step", ...]
 
 
-Act = Tell | Ask | SwitchPower | Wait | Send | Check | Watch | Repeat
+Act = Tell | Ask | SwitchPower | Wait | Send | CheckNow | Watch | Repeat
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,13 +378,13 @@ class _Reader:
         at_most_s = self.duration(node.value["at_most"]) if "at_most" in node.value else None
         return Send(self.text(node.value["command"]), arguments, at_most_s)
 
-    def _check(self, node: _Node, number: str) -> Check:
+    def _check(self, node: _Node, number: str) -> CheckNow:
         if not isinstance(node.value, dict) or not node.value:
             raise self.problem(node, "expected a table of items, such as {supply_v: [4.8, 5.2]}")
         rest = {name: below for name, below in node.value.items() if name != "at_most"}
         shares = {name: below for name, below in rest.items() if isinstance(below.value, dict)}
         items = {name: below for name, below in rest.items() if name not in shares}
-        return Check(
+        return CheckNow(
             self.conditions(_Node(items, node.line, node.column)) if items else {},
             tuple(self._share(name, below) for name, below in shares.items()),
             self._at_most(node.value, CHECK_S),
@@ -518,7 +518,7 @@ def _duration_s(act: Act, settle_s: float) -> tuple[float, float]:
     match act:
         case Wait(for_s=float(for_s)) | Watch(for_s=for_s):
             return for_s, for_s
-        case Wait() | Check():
+        case Wait() | CheckNow():
             return 0.0, act.at_most_s
         case Send():
             return 0.0, act.at_most_s or 0.0
@@ -579,7 +579,7 @@ def _problems(procedure: Procedure, station: Station, protocol: Protocol) -> Ite
                 measured += [act.measure] if act.measure else []
             case Send():
                 yield from _of_command(step, act, protocol)
-            case Check():
+            case CheckNow():
                 yield from _of_conditions(step, act.items, protocol)
                 for share in act.shares:
                     if share.name not in measured:

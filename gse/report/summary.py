@@ -29,7 +29,7 @@ from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values import instant
 from gse.values.axis import OF_SENSOR, ON_SKY
 from gse.values.limits import Decision
-from gse.verdict.assessment import Assessment, Procedure, is_left_out
+from gse.verdict.assessment import Assessment, ProcedureRun, is_left_out
 from gse.verdict.requirements import SlewStep
 from protocols import COLOURS, StatusMessage
 
@@ -164,7 +164,7 @@ def _slew_step(subject: Subject, step: SlewStep) -> dict[str, Any]:
     }
 
 
-def procedure_run(session: SessionData, run: Procedure) -> dict[str, Any]:
+def procedure_run(session: SessionData, run: ProcedureRun) -> dict[str, Any]:
     """The as-run log: each step with its outcome, those that watched the sensor with their rows, and the starts."""
     return {
         "name": run.log.name,

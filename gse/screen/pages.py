@@ -26,7 +26,7 @@ def screen_content(stage: Stage) -> Content:
         ("/", _File, page),
         ("/screen", _File, page),
         ("/screen.js", _File, script),
-        ("/screen/live", _Live, only),
+        ("/screen/live", _LiveScreen, only),
     )
     return Content(pages=pages)
 
@@ -39,7 +39,7 @@ class _File(Page):
         self.finish(resources.files("gse.screen").joinpath(self.extra["name"]).read_text(encoding="utf-8"))
 
 
-class _Live(Page, WebSocketHandler):
+class _LiveScreen(Page, WebSocketHandler):
     """The page at work: it asks the time and reports, and is told what is planned. One page at a time."""
 
     def open(self, *args: str, **kwargs: str) -> None:

@@ -126,7 +126,7 @@ _PLASTIC = 1.1673039782614187
 
 
 @dataclass(frozen=True, slots=True)
-class _Cells:
+class _ModelGrid:
     """The grid: correlation times, strengths and logarithms of the prior (G,). The first cell is white noise alone."""
 
     taus: NDArray[np.float64]
@@ -135,14 +135,14 @@ class _Cells:
 
 
 @functools.lru_cache(maxsize=16)
-def _cells(blocks: int) -> _Cells:
+def _cells(blocks: int) -> _ModelGrid:
     taus, roughnesses = np.repeat(_TAUS, len(_ROUGHNESSES)), np.tile(_ROUGHNESSES, len(_TAUS))
     prior = np.minimum(taus, SESSION) ** _TAU_POWER * np.maximum(taus, SESSION) ** _BEYOND_POWER
     prior *= (1 - _WHITE_PRIOR) / prior[taus <= SESSION].sum()
     kept = (taus <= SESSION) | (roughnesses * blocks >= _SHOWN)
     taus, roughnesses, prior = np.append(SESSION, taus[kept]), np.append(0.0, roughnesses[kept]), prior[kept]
     strengths = roughnesses / -2 / np.expm1(-1 / (blocks * taus))
-    return _Cells(taus, strengths, np.log(np.append(_WHITE_PRIOR, prior)))
+    return _ModelGrid(taus, strengths, np.log(np.append(_WHITE_PRIOR, prior)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,7 @@ class Assessment:
     health: SensorHealth
     growing: bool = False
     slew: Mapping[Subject, tuple[SlewStep, ...]] = field(default_factory=dict)
-    procedure: "Procedure | None" = None
+    procedure: "ProcedureRun | None" = None
 
     def __repr__(self) -> str:
         """Five lines at most: a notebook shows it after each ``gse.judge``."""
@@ -127,7 +127,7 @@ class Assessment:
 
 
 @dataclass(frozen=True, slots=True)
-class Procedure:
+class ProcedureRun:
     """A run: its ``log``, the assessment of each stretch that a step ``watched``, by its number, and its ``starts``."""
 
     log: AsRun
@@ -166,7 +166,7 @@ def _judge_procedure(session: SessionData, log: AsRun) -> Assessment:
         rows=_worst_rows(watched.values()),
         findings=tuple(dict.fromkeys(found for one in watched.values() for found in one.findings)),
         not_tested=tuple(dict.fromkeys(line for one in watched.values() for line in one.not_tested)),
-        procedure=Procedure(log, watched, starts(session)),
+        procedure=ProcedureRun(log, watched, starts(session)),
     )
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gse.config.station import Station
-from gse.imaging.screen_fit import ScreenFit, SeenStars, fit_screen, seen_stars
+from gse.imaging.screen_fit import ScreenFit, ScreenStars, fit_screen, seen_stars
 from gse.imaging.session_fit import PanoramaSample, identified
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import Scenario, load_scenario
@@ -22,7 +22,7 @@ def fitted(station: Station, text: str, device: dict[str, object], seed: int, ra
 
 def seen_by(
     station: Station, text: str, device: dict[str, object], seed: int, rate_hz: float = 2.0
-) -> tuple[SeenStars, ShownSky]:
+) -> tuple[ScreenStars, ShownSky]:
     """The stars of one rehearsal, and what the screen showed."""
     scenario = load_scenario("screen-fit").model_copy(update={"device": device})
     sample = PanoramaSample()

@@ -13,10 +13,10 @@ from drivers.urlhandlers.network_ports import (
     SB,
     SE,
     WILL,
-    Command,
     Data,
     Option,
     Suboption,
+    TelnetCommand,
     TelnetParser,
 )
 
@@ -24,11 +24,11 @@ PARTS = st.one_of(
     st.binary(max_size=20).map(Data),
     st.tuples(st.sampled_from([DO, WILL]), st.binary(min_size=1, max_size=1)).map(lambda pair: Option(*pair)),
     st.binary(max_size=20).map(Suboption),
-    st.sampled_from([b"\xf1", b"\xf9"]).map(Command),
+    st.sampled_from([b"\xf1", b"\xf9"]).map(TelnetCommand),
 )
 
 
-def encoded(part: Data | Option | Suboption | Command) -> bytes:
+def encoded(part: Data | Option | Suboption | TelnetCommand) -> bytes:
     if isinstance(part, Data):
         return part.data.replace(IAC, IAC + IAC)
     if isinstance(part, Suboption):
@@ -36,9 +36,9 @@ def encoded(part: Data | Option | Suboption | Command) -> bytes:
     return IAC + b"".join(part)
 
 
-def joined(parts: list[Data | Option | Suboption | Command]) -> list[Data | Option | Suboption | Command]:
+def joined(parts: list[Data | Option | Suboption | TelnetCommand]) -> list[Data | Option | Suboption | TelnetCommand]:
     """Data that follow each other in one piece."""
-    found: list[Data | Option | Suboption | Command] = []
+    found: list[Data | Option | Suboption | TelnetCommand] = []
     for part in parts:
         if isinstance(part, Data) and found and isinstance(found[-1], Data):
             found[-1] = Data(found[-1].data + part.data)
@@ -49,7 +49,7 @@ def joined(parts: list[Data | Option | Suboption | Command]) -> list[Data | Opti
 
 @given(st.lists(PARTS), st.lists(st.integers(0, 200)))
 def test_every_part_comes_back_wherever_the_stream_is_cut(
-    parts: list[Data | Option | Suboption | Command], cuts: list[int]
+    parts: list[Data | Option | Suboption | TelnetCommand], cuts: list[int]
 ) -> None:
     stream = b"".join(map(encoded, parts))
     parser, found = TelnetParser(), []

@@ -9,7 +9,7 @@ from gse.config.station import parse_station
 from gse.errors import ConfigError
 from gse.procedure.file import (
     Ask,
-    Check,
+    CheckNow,
     Repeat,
     Send,
     ShareOf,
@@ -69,12 +69,12 @@ def test_each_kind_of_step_is_read_with_its_times_and_its_words():
     ]
     assert acts[3] == Wait(None, {"mode": "standby"}, 10.0)
     assert acts[4] == Send("SET_EXPOSURE", {"exposure": "200 ms"})
-    assert acts[5] == Check({"supply_v": [4.8, 5.2], "temperature_degc": [None, 40]})
+    assert acts[5] == CheckNow({"supply_v": [4.8, 5.2], "temperature_degc": [None, 40]})
     assert acts[6] == Watch(600.0, {"d_ra_cosde_arcsec": 60})
     assert [step.goes_on for step in procedure.steps].index(True) == 6
     assert isinstance(acts[7], Repeat)
     assert (acts[7].times, [step.number for step in acts[7].steps]) == (30, ["8.1", "8.2", "8.3", "8.4"])
-    assert acts[8] == Check({}, (ShareOf("first_fix_s", 0.95, 10),))
+    assert acts[8] == CheckNow({}, (ShareOf("first_fix_s", 0.95, 10),))
     assert [step.number for step in procedure.cleanup] == ["cleanup 1", "cleanup 2"]
 
 
