@@ -10,7 +10,7 @@ from drivers.whole_file import write_whole
 from gse.cli.finish import Printed, printed
 from gse.cli.live_outputs import LiveOptions, live_options
 from gse.cli.options import out_option, plots_option, station_option
-from gse.cli.run import run_procedure, say_line, simulated_for
+from gse.cli.run import Asked, run_session, say_line, simulated_for
 from gse.config.choice import station_of
 from gse.config.station import Station
 from gse.errors import ConfigError, UsageError
@@ -78,17 +78,8 @@ def run(
         page=live.view == "web",
         answers=answers,
     )
-    run_procedure(
-        ctx,
-        station,
-        text,
-        Run(procedure, desk, first=first, say=say_line),
-        live,
-        printed,
-        out,
-        plots=plots,
-        shown=shown,
-    )
+    one = Run(procedure, desk, first=first, say=say_line)
+    ctx.exit(run_session(station, text, Asked(live, printed, out, plots=plots), shown=shown, procedure=one))
 
 
 @command.command("check")

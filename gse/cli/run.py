@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,7 @@ from gse.errors import GseError, UsageError
 from gse.procedure.file import Procedure, check, duration_s, parse_procedure
 from gse.process import terminal
 from gse.sessions import night
-from gse.sessions.live import Ending
+from gse.sessions.live import REST_S, Ending
 from gse.sessions.night import run_every_night
 from gse.sessions.status_file import is_unfinished, session_folders
 from gse.station.events import StationKind
@@ -63,6 +64,7 @@ from protocols.errors import ProtocolError
 
 if TYPE_CHECKING:
     from gse.procedure.engine import Run
+    from gse.screen.stage import Stage
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
     from gse.station.loop import Listener, StationLoop
@@ -236,71 +238,116 @@ def command(
         if detached:
             raise UsageError("--every night needs its process; leave out --detach, and start it by systemd or nohup")
         ctx.exit(run_every_night(sys.argv[1:], out, say_line))
+    asked = Asked(live, printed, out, plots=plots)
     if starts is not None:
         if any((duration_s, from_text, until_text, scene, detached, wait_port)):
             raise UsageError(
                 "--starts is a session of its own: leave out --duration, --from, --until, --scene, --detach"
             )
-        run_starts(ctx, station, text, starts, off_s or 5.0, live, printed, out, plots=plots)
-    session = OneSession(detach() if detached else None)
-    shown: list[Shown] = []
-    stage = None
+        ctx.exit(run_starts(station, text, starts, off_s or 5.0, asked))
+    asked = replace(
+        asked,
+        detachment=detach() if detached else None,
+        duration_s=duration_s,
+        from_text=from_text,
+        until_text=until_text,
+        wait_port=wait_port,
+        clock_error_s=clock_error_s,
+        given_orientation=given_orientation,
+    )
     if station.port.url.startswith("sim://"):
         from gse.sessions.stepped import simulated_station
 
+        shown: list[Shown] = []
         station, text = simulated_station(*_with_scene(station, text, scene, rates), shown)
-    elif station.screen is not None or scene is not None or rates is not None:
-        stage = stage_of(station, scene, rates)
-    notes = Notes()
-    live_outputs, alarmed = LiveOutputs(live, notes=notes), contextlib.ExitStack()
-    with Ending(say_line) as ending, terminal.queued(waits_for_reader(station, ending)):
-        _list_unfinished(out)
-        if from_text is not None:
-            begin_ns = night.begin_ns(from_text, station.site, read_clock().utc_ns, until_text)
-            if not _wait_until(begin_ns, ending):
-                ctx.exit(EXIT_INTERRUPTED)
-        if until_text is not None:
-            now_ns = read_clock().utc_ns
-            duration_s = (night.end_ns(until_text, station.site, now_ns) - now_ns) / NS_PER_S
+        ctx.exit(run_session(station, text, asked, shown=shown))
+    with_screen = station.screen is not None or scene is not None or rates is not None
+    ctx.exit(run_session(station, text, asked, stage=stage_of(station, scene, rates) if with_screen else None))
 
-        def listeners(loop: "StationLoop", folder: Path, live: "LiveState") -> "Sequence[Listener]":
-            if (station.alarms.command or station.alarms.post) and not station.port.url.startswith("replay://"):
-                from gse.sessions.alarms import Alarmed
 
-                alarmed.enter_context(Alarmed(station.alarms, live, folder, notes, tell=say_line))
-            return live_outputs.listeners(loop, folder, live)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What the command line asks of a session beside its station: how it is shown, when it begins and ends."""
 
-        def receive() -> "LiveSession":
-            from gse.sessions.live import Operator, run_live
+    live: LiveOptions = field(kw_only=False)
+    printed: Printed = field(kw_only=False)
+    out: Path = field(kw_only=False)
+    plots: bool
+    detachment: Detachment | None = None
+    duration_s: float | None = None
+    from_text: str | None = None
+    until_text: str | None = None
+    wait_port: bool = False
+    clock_error_s: float | None = None
+    given_orientation: GivenTables | None = None
 
+
+def run_session(
+    station: Station,
+    text: str,
+    asked: Asked,
+    *,
+    shown: Sequence[Shown] = (),
+    stage: "Stage | None" = None,
+    procedure: "Run | None" = None,
+) -> int:
+    """Run, judge and report one session; returns the exit code of its verdict.
+
+    What stands before the sensor is ``shown`` in a simulation, and planned by the ``stage`` of a screen. The steps of a
+    ``procedure`` are done in it.
+    """
+    session, notes = OneSession(asked.detachment), Notes()
+    outputs, alarmed = LiveOutputs(asked.live, notes=notes), contextlib.ExitStack()
+
+    def listeners(loop: "StationLoop", folder: Path, live: "LiveState") -> "Sequence[Listener]":
+        if procedure is not None:
+            procedure.desk.on_page = lambda words: setattr(live, "question", words)
+        elif (station.alarms.command or station.alarms.post) and not station.port.url.startswith("replay://"):
+            from gse.sessions.alarms import Alarmed
+
+            alarmed.enter_context(Alarmed(station.alarms, live, folder, notes, tell=say_line))
+        return outputs.listeners(loop, folder, live)
+
+    def receive() -> "LiveSession":
+        from gse.sessions.live import Operator, run_live
+
+        with alarmed:
             received = run_live(
                 station,
                 text,
-                out,
+                asked.out,
                 Operator(
                     ending,
                     say_line,
                     session.opened,
                     session.terminal_news,
                     notes,
-                    stage.take if stage is not None else _taken(shown),
-                    (lambda: stage.is_over) if stage is not None else (lambda: False),
+                    _taken(list(shown)) if stage is None else stage.take,
+                    (lambda: False) if stage is None else (lambda: stage.is_over),
                 ),
                 make_listeners=listeners,
                 duration_s=duration_s,
-                wait_port=wait_port,
-                clock_error_s=clock_error_s,
-                given_orientation=given_orientation,
+                wait_port=asked.wait_port,
+                clock_error_s=asked.clock_error_s,
+                given_orientation=asked.given_orientation,
+                procedure=procedure,
             )
-            alarmed.close()
-            live_outputs.enter_judging()
-            return received
+        outputs.enter_judging()
+        return received
 
-        with live_outputs, alarmed, served(stage, say_line):
-            report, found = session.run(receive, ending, clock_error_s, plots=plots)
+    rest_s = REST_S if procedure is None else _REST_OF_CLEANUP_S
+    with Ending(say_line, rest_s=rest_s) as ending, terminal.queued(waits_for_reader(station, ending)):
+        _list_unfinished(asked.out)
+        if procedure is not None:
+            _say_how_power_was_left(asked.out)
+        if not _wait_for_begin(station, asked, ending):
+            return EXIT_INTERRUPTED
+        duration_s = _duration_s(station, asked)
+        with outputs, served(stage, say_line):
+            report, found = session.run(receive, ending, asked.clock_error_s, plots=asked.plots)
             if report:
-                live_outputs.conclude(report)
-        ctx.exit(session.end(report, found, out, printed, json_frames=live.json_frames))
+                outputs.conclude(report)
+        return session.end(report, found, asked.out, asked.printed, json_frames=asked.live.json_frames)
 
 
 class OneSession:
@@ -420,8 +467,11 @@ def waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
 _LOOK_EVERY_S = 0.5
 
 
-def _wait_until(utc_ns: int, ending: Ending) -> bool:
-    """Wait for an instant of the host's clock; False where a signal asked for the end before."""
+def _wait_for_begin(station: Station, asked: Asked, ending: Ending) -> bool:
+    """Wait for the instant of --from; False where a signal asked for the end before."""
+    if asked.from_text is None:
+        return True
+    utc_ns = night.begin_ns(asked.from_text, station.site, read_clock().utc_ns, asked.until_text)
     if utc_ns > read_clock().utc_ns:
         say_line(f"waiting until {instant.to_text(utc_ns, 0)}; Ctrl-C ends it")
     pause = threading.Event()
@@ -430,6 +480,14 @@ def _wait_until(utc_ns: int, ending: Ending) -> bool:
             return False
         pause.wait(_LOOK_EVERY_S)
     return True
+
+
+def _duration_s(station: Station, asked: Asked) -> float | None:
+    """From now on: as --duration states, or to the instant of --until."""
+    if asked.until_text is None:
+        return asked.duration_s
+    now_ns = read_clock().utc_ns
+    return (night.end_ns(asked.until_text, station.site, now_ns) - now_ns) / NS_PER_S
 
 
 def _list_unfinished(out: Path) -> None:
@@ -466,52 +524,6 @@ def simulated_for(station: Station, text: str, procedure: Procedure, shown: list
     return simulated_station(*endless(station, text, longest_s + _SPARE_S), shown)
 
 
-def run_procedure(
-    ctx: click.Context,
-    station: Station,
-    text: str,
-    procedure: "Run",
-    live: LiveOptions,
-    printed: Printed,
-    out: Path,
-    *,
-    plots: bool,
-    shown: Sequence[Shown] = (),
-) -> None:
-    """Run a procedure in a session, report on it, and end with the exit code of the verdict."""
-    from gse.sessions.live import Operator, run_live
-
-    _say_how_power_was_left(out)
-    session, notes, waiting = OneSession(None), Notes(), list(shown)
-    outputs = LiveOutputs(live, notes=notes)
-
-    def taken() -> Sequence[Shown]:
-        found, waiting[:] = list(waiting), []
-        return found
-
-    def listeners(loop: "StationLoop", folder: Path, state: "LiveState") -> "Sequence[Listener]":
-        procedure.desk.on_page = lambda words: setattr(state, "question", words)
-        return outputs.listeners(loop, folder, state)
-
-    def receive() -> "LiveSession":
-        received = run_live(
-            station,
-            text,
-            out,
-            Operator(ending, say_line, session.opened, session.terminal_news, notes, taken),
-            make_listeners=listeners,
-            procedure=procedure,
-        )
-        outputs.enter_judging()
-        return received
-
-    with Ending(say_line, rest_s=_REST_S) as ending, terminal.queued(waits_for_reader(station, ending)), outputs:
-        report, found = session.run(receive, ending, None, plots=plots)
-        if report:
-            outputs.conclude(report)
-        ctx.exit(session.end(report, found, out, printed, json_frames=live.json_frames))
-
-
 _STARTS = """\
 version: 1
 name: {times} starts
@@ -531,25 +543,14 @@ _SHARE = 0.95
 """Of the starts, which must keep limits.first_fix_s."""
 
 
-def run_starts(
-    ctx: click.Context,
-    station: Station,
-    text: str,
-    times: int,
-    off_s: float,
-    live: LiveOptions,
-    printed: Printed,
-    out: Path,
-    *,
-    plots: bool,
-) -> None:
+def run_starts(station: Station, text: str, times: int, off_s: float, asked: Asked) -> int:
     """Switch the sensor off and on again and again, and judge its first fix: a procedure of one repeat."""
     from gse.procedure.desk import Desk
     from gse.procedure.engine import Run
 
     limit_s = station.limits.first_fix_s
-    asked = f"  - check: {{first_fix_s: {{share: {_SHARE}, at_most: {limit_s:g}}}}}\n" if limit_s else ""
-    procedure = parse_procedure(_STARTS.format(times=times, off_s=off_s, check=asked), "--starts")
+    keeps = f"  - check: {{first_fix_s: {{share: {_SHARE}, at_most: {limit_s:g}}}}}\n" if limit_s else ""
+    procedure = parse_procedure(_STARTS.format(times=times, off_s=off_s, check=keeps), "--starts")
     protocol = addressed(load_protocol(station.protocol), station)
     if problems := check(procedure, station, protocol):
         raise UsageError(problems[0])
@@ -557,10 +558,10 @@ def run_starts(
     if station.port.url.startswith("sim://"):
         station, text = simulated_for(station, text, procedure, shown)
     one = Run(procedure, Desk(name=station.test.operator or ""), say=say_line)
-    run_procedure(ctx, station, text, one, live, printed, out, plots=plots, shown=shown)
+    return run_session(station, text, asked, shown=shown, procedure=one)
 
 
-_REST_S = 600.0
+_REST_OF_CLEANUP_S = 600.0
 """After a signal the cleanup is done first: programs of the supply may take long."""
 
 
