@@ -249,28 +249,7 @@ def run_live(
     check_asking(station.sensor, station.port, protocol)
     check_external(station, protocol, operator.tell)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
-    try:
-        recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
-    except (DriverError, OSError):
-        folder.rmdir()
-        raise
-    try:
-        port = station.port
-        link = SerialLink(
-            port.url,
-            port.baudrate,
-            recorder=recorder,
-            wait_port=wait_port,
-            stamped_s=duration_s,
-            line=port.line,
-            pass_to=port.pass_to,
-            tx_url=port.tx_url,
-        )
-    except DriverError:
-        recorder.close()
-        recorder.path.unlink()
-        folder.rmdir()
-        raise
+    recorder, link = _opened(station, folder, wait_port, duration_s)
     recorder.attach(STATION, "application/yaml", station_text.encode())
     recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
     if clock_error_s is not None:
@@ -325,6 +304,33 @@ def run_live(
         loop.on_event(event)
         operator.tell(f"{event.kind}: {event.text}")
     return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes, recorder.damage, loop.left_bytes)
+
+
+def _opened(station: Station, folder: Path, wait_port: bool, duration_s: float | None) -> tuple[Recorder, SerialLink]:
+    """The recording and the port; where either cannot be opened, the folder is gone too."""
+    port = station.port
+    try:
+        recorder = Recorder(folder / "session.mcap", live=not port.url.startswith(MOCK_PORTS))
+    except (DriverError, OSError):
+        folder.rmdir()
+        raise
+    try:
+        link = SerialLink(
+            port.url,
+            port.baudrate,
+            recorder=recorder,
+            wait_port=wait_port,
+            stamped_s=duration_s,
+            line=port.line,
+            pass_to=port.pass_to,
+            tx_url=port.tx_url,
+        )
+    except DriverError:
+        recorder.close()
+        recorder.path.unlink()
+        folder.rmdir()
+        raise
+    return recorder, link
 
 
 def _closing_words(recorder: Recorder) -> str:
