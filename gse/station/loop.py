@@ -85,7 +85,7 @@ from gse.station.unnamed_stars import LeftOutStars
 from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
-from gse.values.mount import InertialDirection
+from gse.values.mount import InertialDirection, Mount
 from gse.values.panorama import Panorama, Panoramas
 from gse.values.sensor_time import time_of
 from gse.values.shown import ShownSky
@@ -238,6 +238,36 @@ class Listener(Protocol):
         ...
 
 
+def _session_of(setup: Setup) -> SessionData:
+    """The empty session of a station."""
+    subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
+    session = SessionData(setup.station, setup.station_text, setup.protocol.name, subject=subject)
+    session.housekeeping = Housekeeping(setup.protocol.items, setup.protocol.parameters)
+    session.catalog = setup.catalog_facts()
+    session.stars = setup.identifier.catalog.listed
+    session.versions = versions()
+    session.time = time_of(setup.station.sensor.time, setup.protocol)
+    return session
+
+
+def _frame_processor_of(setup: Setup, mount: Mount | None, search: ThinnedSearch | None) -> FrameProcessor:
+    """What is done with each panorama; the truth is set once its first instant is known."""
+    station = setup.station
+    return FrameProcessor(
+        camera=setup.camera,
+        index_max=station.sensor.index_max,
+        identifier=setup.identifier,
+        reference=setup.reference,
+        non_stellar=NonStellarObjects(setup.camera, station.site, station.sensor.hot_pixels),
+        truth=None,
+        mount=mount,
+        paper_mean=station.identifier.attitude == "paper-mean",
+        left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
+        false_arcsec=station.limits.false_beyond_arcsec,
+        search=search,
+    )
+
+
 class StationLoop:
     """Turns chunks of a link into a SessionData; listeners get each result and event.
 
@@ -257,12 +287,7 @@ class StationLoop:
     ) -> None:
         station = setup.station
         self.setup = setup
-        subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
-        self.session = SessionData(station, setup.station_text, setup.protocol.name, subject=subject)
-        self.session.housekeeping = Housekeeping(setup.protocol.items, setup.protocol.parameters)
-        self.session.catalog = setup.catalog_facts()
-        self.session.stars = setup.identifier.catalog.listed
-        self.session.versions = versions()
+        self.session = _session_of(setup)
         poll = station.sensor.poll
         self.reception = Reception(
             setup.protocol,
@@ -271,9 +296,8 @@ class StationLoop:
             anchor_utc_ns=anchor_utc_ns,
             asks=(station.sensor.start or poll) is not None,
             timeout_ns=round(poll.timeout_ms * 1e6) if poll else None,
-            time=time_of(station.sensor.time, setup.protocol),
+            time=self.session.time,
         )
-        self.session.time = time_of(station.sensor.time, setup.protocol)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
         site = None if station.subject else station.site
@@ -298,19 +322,7 @@ class StationLoop:
         robust = setup.reference or setup.identifier
         search = ThinnedSearch(robust, station.site, mount) if isinstance(robust, RobustIdentifier) else None
         self._search = search
-        self._frame_processor = FrameProcessor(
-            camera=setup.camera,
-            index_max=station.sensor.index_max,
-            identifier=setup.identifier,
-            reference=setup.reference,
-            non_stellar=NonStellarObjects(setup.camera, station.site, station.sensor.hot_pixels),
-            truth=None,
-            mount=mount,
-            paper_mean=station.identifier.attitude == "paper-mean",
-            left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
-            false_arcsec=station.limits.false_beyond_arcsec,
-            search=search,
-        )
+        self._frame_processor = _frame_processor_of(setup, mount, search)
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude, station.sensor.camera())
         baudrate = station.port.baudrate
         self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
