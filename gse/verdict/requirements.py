@@ -584,6 +584,9 @@ HOST_TIME = Requirement(
     compared=not_compared,
 )
 
+_only_asked = functools.partial(Requirement, only_asked=True, plan=not_planned, compared=not_compared)
+"""A row that is there only where its limit is stated, and of which no length of a session can be told."""
+
 REQUIREMENTS = (
     *_of_axis(D_RA_COSDE, core=True, compared=along(D_RA_COSDE)),
     *_of_axis(D_DE, core=True, compared=along(D_DE)),
@@ -606,82 +609,61 @@ REQUIREMENTS = (
     FALSE_ANSWERS,
     STATED_TIME,
     HOST_TIME,
-    Requirement(
+    _only_asked(
         name="output rate",
         limit="output_rate_hz",
         unit="Hz",
         claim=Claim.SLOWNESS,
         decided=ByValue(lambda subject: subject.output_rate_hz, at_least=True),
         says="frames of the sensor in a second, by their exposures and without gaps, at least (to 0.1 %)",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
-    Requirement(
+    _only_asked(
         name="first fix",
         limit="first_fix_s",
         unit="s",
         claim=Claim.ABSENCE,
         decided=ByValue(_slowest_fix_s),
         says="from the first frame of a start of the sensor to its first answer that is not false: the longest of all",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
-    Requirement(
+    _only_asked(
         name="slew rate",
         limit="slew_deg_per_s",
         unit="deg/s",
         claim=Claim.ACCURACY,
         decided=BySlewSteps(),
         says="the highest rate of turn up to which errors, availability and false answers keep their limits, at least",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
-    Requirement(
+    _only_asked(
         name="mean current",
         limit="mean_current_a",
         unit="A",
         claim=Claim.CURRENT,
         decided=ByCurrent(lambda use: use.mean_a),
         says="mean current of the supply while the sensor is on, without `power.settle_s` after it is switched on",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
-    Requirement(
+    _only_asked(
         name="inrush current",
         limit="inrush_current_a",
         unit="A",
         claim=Claim.CURRENT,
         decided=ByCurrent(lambda use: use.inrush_a),
         says="greatest current of the supply within `power.settle_s` after it is switched on, as often as it is read",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
-    Requirement(
+    _only_asked(
         name="rate bias",
         limit="rate_bias_arcsec_per_s",
         unit="arcsec/s",
         claim=Claim.ACCURACY,
         decided=ByRate(_bias, truth=AXES),
         says="mean error of the rate that the sensor states about an axis, against the Earth's: the largest of all",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
-    Requirement(
+    _only_asked(
         name="rate noise",
         limit="rate_noise_arcsec_per_s",
         unit="arcsec/s",
         claim=Claim.ACCURACY,
         decided=ByRate(_noise),
         says="standard deviation of the rate that the sensor states about an axis: the largest of all",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
 )
 
