@@ -31,11 +31,15 @@ class Recent(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class NextPiece:
-    """What a viewer does not have yet: a recording (.rrd), the place to go on from, and its last instant (UTC, ns)."""
+    """What a viewer does not have yet: a recording (.rrd), the place to go on from, and its last instant (UTC, ns).
+
+    A new ``layout`` is a recording of its own, for before it.
+    """
 
     rrd: bytes = b""
     place: str = ""
     utc_ns: int = 0
+    layout: bytes = b""
 
 
 # The latest events of a session, each kind as one line with its count.

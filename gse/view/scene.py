@@ -110,6 +110,7 @@ class Scene:
         self._events = EventLines(frozenset({StationKind.NOTE, StationKind.MOUNT_TOUCHED}))
         self._number = 0
         self._laid_out = 0
+        self._layout_made = (-1, b"")
         self._item_units: tuple[str, ...] = ()
         self._item_ns: dict[str, int] = {}
         self._items_begun: dict[tuple[int, str], int] = {}
@@ -245,11 +246,9 @@ class Scene:
         until = f"{own}.{self._number}", int(self._latest_ns or 0)
         if after == self._number:
             return NextPiece(b"", *until)
+        layout = self._layout_rrd() if after < self._laid_out else b""
         stream = self._pieces
         file = stream.binary_stream()
-        if after < self._laid_out:
-            stream.send_blueprint(self._layout())
-            stream.flush()
         if after < 0:
             self._begin(stream)
         for words in self._words.after(after)[-1:]:
@@ -261,7 +260,15 @@ class Scene:
         if latest := self._latest.after(after):
             self._send_pictures(stream, latest)
         self._send_series_after(stream, after)
-        return NextPiece(file.read() or b"", *until)
+        return NextPiece(file.read() or b"", *until, layout)
+
+    def _layout_rrd(self) -> bytes:
+        """The layout as a recording, made once for all viewers: rerun never ends the two threads of a blueprint."""
+        if self._layout_made[0] != self._laid_out:
+            file = self._pieces.binary_stream()
+            self._pieces.send_blueprint(self._layout())
+            self._layout_made = self._laid_out, file.read() or b""
+        return self._layout_made[1]
 
     def _send_series_after(self, stream: rr.RecordingStream, after: int) -> None:
         if frames := self._frames.after(after):

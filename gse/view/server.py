@@ -356,10 +356,11 @@ class _Piece(Page):
         try:
             piece = await asyncio.to_thread(piece_after, place, last=last)
             self.set_header("Content-Type", "application/octet-stream")
-            self.set_header("Content-Length", str(len(piece.rrd)))
+            self.set_header("Content-Length", str(len(piece.layout) + len(piece.rrd)))
+            self.set_header("X-Layout-Bytes", str(len(piece.layout)))
             self.set_header("X-Place", piece.place)
             self.set_header("X-Utc-Ns", str(piece.utc_ns))
-            await self.send(_parts(piece.rrd))
+            await self.send(_parts(piece.layout + piece.rrd))
         finally:
             guests.remove(self.stream)
 

@@ -257,10 +257,13 @@ def test_a_port_that_is_taken_is_told_with_what_to_do() -> None:
 
 
 def piece_of(view: LiveView, place: str, path: Path, *, last: str = "") -> tuple[dict[str, list], str, int]:
-    """Rows of a piece as a page gets it, its place, and its last instant."""
+    """Rows of a piece as a page gets it, its place, and its last instant; in ``path`` with the layout before it."""
     with urllib.request.urlopen(f"{view.url}piece.rrd?after={place}&last={last}", timeout=PATIENCE_S) as answer:
-        path.write_bytes(body := answer.read())
-        return rows_of(path) if body else {}, answer.headers["X-Place"], int(answer.headers["X-Utc-Ns"])
+        body = answer.read()
+        path.write_bytes(data := body[int(answer.headers["X-Layout-Bytes"]) :])
+        rows = rows_of(path) if data else {}
+        path.write_bytes(body)
+        return rows, answer.headers["X-Place"], int(answer.headers["X-Utc-Ns"])
 
 
 def printed(path: Path) -> str:

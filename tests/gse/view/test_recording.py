@@ -362,6 +362,19 @@ def test_a_viewer_that_is_open_all_night_costs_no_thread_for_each_piece() -> Non
     assert threads[-1] <= threads[0] + 4  # rerun's own pool may grow for a while
 
 
+def test_twenty_viewers_that_open_get_one_layout_and_cost_no_thread_each(tmp_path: Path) -> None:
+    session = synthetic_night(FRAMES)
+    scene = Scene(rerun.RecordingStream("gse", send_properties=False), session.station, None, live=True)
+    scene.add_columns(session.frames.columns.rows(slice(0, 5)))
+    first, before = scene.piece_after(""), len(list(Path("/proc/self/task").iterdir()))
+    assert len({scene.piece_after("").layout for _ in range(20)} - {first.layout}) == 0
+    assert len(list(Path("/proc/self/task").iterdir())) <= before + 4  # rerun's own pool may grow for a while
+    (tmp_path / "layout.rrd").write_bytes(first.layout)
+    (blueprint,) = RrdReader(str(tmp_path / "layout.rrd")).blueprints()
+    assert blueprint.application_id == "gse"
+    assert not scene.piece_after(first.place).layout
+
+
 def test_what_a_viewer_that_comes_late_will_get_keeps_nothing_else_in_memory() -> None:
     session = synthetic_night(FRAMES)
     rows = near_rows(session.frames.columns[:], session.station.limits, 3)
