@@ -107,17 +107,7 @@ def _own(workers: int) -> Iterator[Client]:
     """Workers of this machine share its memory: Dask's default limit is each one's share."""
     with dask.config.set(_NO_PAGES | _NO_PROFILE | _PATIENT):
         with _interrupts_blocked():
-            local = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                host=LOOPBACK,
-                # Without a dashboard Dask opens port 8787 all the same, and complains where somebody has it.
-                scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
-                worker_dashboard_address=None,
-                security=True,
-                silence_logs=logging.CRITICAL,
-            )
+            local = _started(workers)
         try:
             with Client(local, set_as_default=False) as client:
                 yield client
@@ -125,6 +115,26 @@ def _own(workers: int) -> Iterator[Client]:
             # A worker that does not end in time, on a busy host, ends with this process; its work is done.
             with suppress(TimeoutError):
                 local.close()
+
+
+def _started(workers: int) -> LocalCluster:
+    try:
+        return LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            # Without a dashboard Dask opens port 8787 all the same, and complains where somebody has it.
+            scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
+            worker_dashboard_address=None,
+            security=True,
+            silence_logs=logging.CRITICAL,
+        )
+    except (RuntimeError, OSError) as error:
+        raise UsageError(
+            f"Dask cannot start its workers ({str(error).rstrip('.')}); each needs 400 MiB of memory and some 50 open "
+            "files (ulimit -n, ulimit -v): choose fewer --workers, or give them more"
+        ) from error
 
 
 @contextmanager
@@ -163,8 +173,11 @@ def _check_software(client: Client, scheduler: str) -> None:
 
 
 def _quiet() -> None:
-    """Dask's own log goes to the log of its scheduler and workers; here it would tear the progress bar."""
-    for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
+    """Dask's own log goes to the log of its scheduler and workers; here it would tear the progress bar.
+
+    asyncio tells each connection of Dask's that finds no free file, thousands of times a second.
+    """
+    for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -166,6 +167,18 @@ def test_a_campaign_that_is_interrupted_says_one_line_and_leaves_whole_sessions(
     assert [line.split(";")[0] for line in lines if not line.startswith("judging")] == ["interrupted"]
     assert started.process.wait() == 130
     assert 1 <= len(whole(tmp_path / "dataset")) <= 4
+
+
+def test_workers_that_cannot_start_are_told_in_one_line(nights, tmp_path):
+    command = (sys.executable, "-m", "gse", "campaign", "judge", nights, "--to", tmp_path / "dataset", "--workers", "2")
+    few_files = (24, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
+    started = start(
+        *command, log=tmp_path / "log", before=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, few_files)
+    )
+    (line,) = lines_of(tmp_path / "log", started)
+    assert line.startswith("gse: Dask cannot start its workers (")
+    assert "ulimit -n" in line
+    assert started.process.wait() == 2
 
 
 def lines_of(log: Path, started: Started) -> Iterator[str]:
