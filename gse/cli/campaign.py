@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED
+from gse.cli.options import NewFolder
 from gse.cli.progress import ProgressBar
 from gse.config.choice import station_of
 from gse.errors import UsageError
@@ -139,7 +140,7 @@ def judge_command(
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=NewFolder(),
     default="campaign-report",
     show_default=True,
     help="New folder for the report.",

@@ -14,7 +14,7 @@ import click
 from gse.catalog import load_catalog
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
 from gse.cli.campaign import require_packages
-from gse.cli.options import IDENTIFIER, PLUG_HELP, station_option
+from gse.cli.options import IDENTIFIER, PLUG_HELP, NewFolder, station_option
 from gse.cli.progress import ProgressBar
 from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
@@ -164,7 +164,7 @@ class _Finite(click.FloatRange):
 @click.option(
     "--json", "as_json", is_flag=True, help="One JSON object, schema gse.evaluation/1 (--panoramas: gse.benchmark/1)."
 )
-@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="Write plots (SVG) to this folder.")
+@click.option("--figures", type=NewFolder(), help="Write plots (SVG) to this folder.")
 @click.pass_context
 def command(
     ctx: click.Context,

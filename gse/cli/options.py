@@ -178,9 +178,29 @@ paper_option: Callable[[Any], Any] = click.option(
 json_frames_option: Callable[[Any], Any] = click.option(
     "--json-frames", is_flag=True, help="Print the result of each panorama as a JSON line, schema gse.frame/1."
 )
+
+
+class NewFolder(click.Path):
+    """A folder that may have to be made; a name that looks like a file's is refused, as 'report.pdf'."""
+
+    _OF_FILES = frozenset({".pdf", ".html", ".json", ".csv", ".xml", ".mcap", ".png", ".svg", ".zip"})
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path, file_okay=False)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; click's own error where it looks like a file's."""
+        folder = Path(str(super().convert(value, param, ctx)))
+        if folder.suffix.lower() in self._OF_FILES and not folder.is_dir():
+            name = folder.with_suffix("")
+            pdf = " (gse report --pdf prints a PDF)" if folder.suffix.lower() == ".pdf" else ""
+            self.fail(f"{folder} looks like a file, but a folder is made: write for example {name}{pdf}", param, ctx)
+        return folder
+
+
 out_option: Callable[[Any], Any] = click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=NewFolder(),
     default=Path("sessions"),
     show_default=True,
     help="Folder for new sessions.",

@@ -22,6 +22,7 @@ from gse.cli.finish import (
     show_report,
 )
 from gse.cli.options import (
+    NewFolder,
     anew_option,
     clock_error_option,
     earth_orientation_option,
@@ -112,7 +113,7 @@ _output = gathered(
     _Output,
     click.option(
         "--out",
-        type=click.Path(path_type=Path, file_okay=False),
+        type=NewFolder(),
         help="New folder for the report; default: 'report' beside FILE, numbered where there is one.",
     ),
     click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf beside it."),

@@ -159,3 +159,14 @@ def test_a_terminal_that_is_gone_makes_a_result_incomplete() -> None:
     done = subprocess.run([sys.executable, "-m", "gse", "--version"], stdout=terminal, stderr=terminal)
     os.close(terminal)
     assert done.returncode == 3
+
+
+@pytest.mark.parametrize(
+    "command", ["run", "replay night.mcap", "report night.mcap", "evaluate", "campaign report dataset"]
+)
+def test_a_folder_with_the_name_of_a_file_is_refused_with_what_to_write(gse, tmp_path: Path, command: str) -> None:
+    option = "--figures" if command == "evaluate" else "--out"
+    done = gse(*command.split(), option, tmp_path / "night.pdf")
+    assert done.code == 2
+    assert f"write for example {tmp_path / 'night'} (gse report --pdf" in done.err
+    assert not list(tmp_path.iterdir())
