@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,9 +44,9 @@ from gse.cli.options import (
 from gse.cli.screen import scene_option, served, stage_of
 from gse.config.choice import station_of, with_identifier
 from gse.config.edit import with_values
-from gse.config.station import Station
+from gse.config.station import Sensor, Station
 from gse.errors import GseError, UsageError
-from gse.procedure.file import Procedure, check, duration_s, parse_procedure
+from gse.procedure.file import Procedure, check, duration_s, exposure_range_s, parse_procedure
 from gse.process import terminal
 from gse.sessions import night
 from gse.sessions.live import REST_S, Ending
@@ -54,6 +54,7 @@ from gse.sessions.night import run_every_night
 from gse.sessions.status_file import is_unfinished, session_folders
 from gse.station.events import StationKind
 from gse.station.notes import Notes
+from gse.station.polling import check_asking
 from gse.station.setup import addressed
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
@@ -238,15 +239,17 @@ def command(
         if detached:
             raise UsageError("--every night needs its process; leave out --detach, and start it by systemd or nohup")
         ctx.exit(run_every_night(sys.argv[1:], out, say_line))
-    asked = Asked(live, printed, out, plots=plots)
-    if starts is not None:
-        if any((duration_s, from_text, until_text, scene, detached, wait_port)):
-            raise UsageError(
-                "--starts is a session of its own: leave out --duration, --from, --until, --scene, --detach"
-            )
-        ctx.exit(run_starts(station, text, starts, off_s or 5.0, asked))
-    asked = replace(
-        asked,
+    sweeps = bool(station.sensor.exposures_s) and not station.port.url.startswith("replay://")
+    if (starts is not None or sweeps) and any((duration_s, from_text, until_text, scene, rates, detached, wait_port)):
+        raise UsageError(
+            f"{'--starts' if starts else 'sensor.exposures_s'} is a session of its own: leave out --duration, "
+            "--from, --until, --scene, --rates, --detach and --wait-port"
+        )
+    asked = Asked(
+        live,
+        printed,
+        out,
+        plots=plots,
         detachment=detach() if detached else None,
         duration_s=duration_s,
         from_text=from_text,
@@ -255,6 +258,10 @@ def command(
         clock_error_s=clock_error_s,
         given_orientation=given_orientation,
     )
+    if starts is not None:
+        ctx.exit(run_starts(station, text, starts, off_s or 5.0, asked))
+    if sweeps:
+        ctx.exit(run_sweep(station, text, asked))
     if station.port.url.startswith("sim://"):
         from gse.sessions.stepped import simulated_station
 
@@ -542,15 +549,57 @@ steps:
 _SHARE = 0.95
 """Of the starts, which must keep limits.first_fix_s."""
 
+_EXPOSURE = """\
+  - repeat:
+      times: 1
+      steps:
+        - send: {{command: SET_EXPOSURE, exposure: {exposure_s:g} s}}
+        - wait: {{until: {{exposure_s: [{low_s:.6g}, {high_s:.6g}]}}, at_most: 1 min}}
+        - watch: {{for: {for_s:.0f} s, frames: {frames}, exposure: {exposure_s:g} s}}
+    on_failure: go on
+"""
+"""An exposure that the sensor refuses, or at which it fails, keeps none of the others from being tested."""
+
+
+def sweep_of(sensor: Sensor) -> str:
+    """The procedure that commands each of ``sensor.exposures_s`` and judges frames of it.
+
+    A watch ends after five times what its frames take, and a minute more.
+    """
+    stated = [one.period_ms for one in (sensor.start, sensor.poll) if one is not None]
+    period_s = next((float(one) / 1000 for one in stated if one != "asap"), 1.0)
+    steps = "".join(
+        _EXPOSURE.format(
+            exposure_s=exposure_s,
+            low_s=exposure_range_s(exposure_s)[0],
+            high_s=exposure_range_s(exposure_s)[1],
+            for_s=60 + 5 * sensor.frames_each * max(exposure_s, period_s),
+            frames=sensor.frames_each,
+        )
+        for exposure_s in sensor.exposures_s or ()
+    )
+    return f"version: 1\nname: {len(sensor.exposures_s or ())} exposures\nsteps:\n{steps}"
+
+
+def run_sweep(station: Station, text: str, asked: Asked) -> int:
+    """Command each of the exposures that the station file lists, and judge frames of each."""
+    check_asking(station.sensor, station.port, addressed(load_protocol(station.protocol), station))
+    return _run_made(station, text, parse_procedure(sweep_of(station.sensor), "sensor.exposures_s"), asked)
+
 
 def run_starts(station: Station, text: str, times: int, off_s: float, asked: Asked) -> int:
     """Switch the sensor off and on again and again, and judge its first fix: a procedure of one repeat."""
-    from gse.procedure.desk import Desk
-    from gse.procedure.engine import Run
-
     limit_s = station.limits.first_fix_s
     keeps = f"  - check: {{first_fix_s: {{share: {_SHARE}, at_most: {limit_s:g}}}}}\n" if limit_s else ""
     procedure = parse_procedure(_STARTS.format(times=times, off_s=off_s, check=keeps), "--starts")
+    return _run_made(station, text, procedure, asked)
+
+
+def _run_made(station: Station, text: str, procedure: Procedure, asked: Asked) -> int:
+    """Run a procedure that no file holds."""
+    from gse.procedure.desk import Desk
+    from gse.procedure.engine import Run
+
     protocol = addressed(load_protocol(station.protocol), station)
     if problems := check(procedure, station, protocol):
         raise UsageError(problems[0])

@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import fields, is_dataclass
 from datetime import date, datetime
+from itertools import pairwise
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -149,6 +150,10 @@ _AS_RECORDED = {"as": "recorded"}
 _Distortion = Annotated[float, Field(ge=-1, le=1)]
 
 
+_APART = 1.02
+"""Ratio of two exposures that are told apart: a sensor's may be 1 % off what was commanded."""
+
+
 class StartOptions(_Section):
     """START at the beginning of a session, STOP at its end."""
 
@@ -183,8 +188,27 @@ class Sensor(_Section):
     start: StartOptions | None = None
     poll: PollOptions | None = None
     """Without one of the two nothing is ever sent."""
+    exposures_s: tuple[Annotated[float, Field(gt=0, le=3600)], ...] | None = None
+    frames_each: Annotated[int, Field(ge=1, le=1_000_000)] = 300
+    """A session commands each of these exposures, and judges so many frames of each by themselves."""
     time: TimeDescription | None = None
     """What its time tags tell; None: as the protocol description says."""
+
+    @field_validator("exposures_s", mode="before")
+    @classmethod
+    def _some_exposures(cls, value: Any) -> Any:
+        count = len(value) if isinstance(value, list | tuple) else 0
+        if value is not None and not 0 < count <= _MOST:
+            came = f"{count} of them" if count else "none" if value == [] else repr(value)[:60]
+            raise ValueError(f"expected a list of 1 to {_MOST} exposures, such as [0.05, 0.1, 0.2], came {came}")
+        return value
+
+    @field_validator("exposures_s")
+    @classmethod
+    def _apart(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if any(more < _APART * less for less, more in pairwise(sorted(value or ()))):
+            raise ValueError("two exposures differ by less than 2 %, so nothing shows which is in force; leave one out")
+        return value
 
     @model_validator(mode="after")
     def _start_or_poll(self) -> "Sensor":
@@ -395,10 +419,11 @@ class Station(_Section):
 
     @model_validator(mode="after")
     def _one_master(self) -> "Station":
-        key = "start" if self.sensor.start else "poll" if self.sensor.poll else ""
+        keys = ("start", "poll", "exposures_s")
+        key = next((key for key in keys if getattr(self.sensor, key)), "")
         if key and (self.port.pass_to or self.port.tx_url):
             raise ValueError(
-                f"sensor.{key} beside port.pass_to or port.tx_url: the flight computer asks the sensor there"
+                f"sensor.{key} beside port.pass_to or port.tx_url: the flight computer commands the sensor there"
             )
         return self
 

@@ -12,7 +12,7 @@ fields are parted by " | ":
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
@@ -30,6 +30,7 @@ from gse.station.attitude_table import AttitudeTable
 from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import FrameTable
 from gse.station.item_table import Housekeeping
 from gse.station.results import Status, Verdict
@@ -159,7 +160,8 @@ def _in_order(steps: Sequence[StepRun]) -> list[StepRun]:
 
 def stretch(session: SessionData, step: StepRun, watch: Watch) -> SessionData:
     """The part of a session that a watch judges, under its limits: frames that were exposed in it, and their events."""
-    return part_of(session, step.from_ns or 0, step.until_ns, station_of(session.station, watch))
+    part = part_of(session, step.from_ns or 0, step.until_ns, station_of(session.station, watch))
+    return replace(part, excluded=(*part.excluded, *_of_other_exposures(part.frames.columns, watch)))
 
 
 def part_of(session: SessionData, from_ns: int, until_ns: int, station: Station) -> SessionData:
@@ -216,15 +218,30 @@ def _requirement(text: str) -> VerifiedRequirement:
     return VerifiedRequirement(**given) if isinstance(given, dict) else VerifiedRequirement(id=str(given))
 
 
-def not_watched(log: AsRun) -> tuple[Exclusion, ...]:
-    """The stretches of a session that no watch judges."""
+def not_watched(session: SessionData, log: AsRun) -> Iterator[Exclusion]:
+    """The stretches of a session that no watch judges, each with the last step that was begun in it."""
     watched = sorted((step.from_ns or 0, step.until_ns) for step in log.steps if step.watch is not None)
-    found, begin = [], 0
+    begin = 0
     for from_ns, until_ns in [*watched, (LAST_NS, LAST_NS)]:
         if from_ns > begin:
-            found.append(Exclusion(begin, from_ns, "no step of the procedure watched it", Cause.STEP))
+            here = [step for step in log.steps if step.from_ns is not None and begin <= step.from_ns < from_ns]
+            last = f"; the last one in it is {here[-1].number}, {here[-1].planned}" if here else ""
+            yield Exclusion(begin, from_ns, f"no step of the procedure watched it{last}", Cause.STEP)
         begin = max(begin, until_ns)
-    return tuple(found)
+    for step in log.steps:
+        if (watch := step.watch) is not None:
+            frames = part_of(session, step.from_ns or 0, step.until_ns, session.station).frames.columns
+            yield from _of_other_exposures(frames, watch)
+
+
+def _of_other_exposures(frames: Columns, watch: Watch) -> Iterator[Exclusion]:
+    """Frames of another exposure than a watch asks for, one after the other."""
+    counts = watch.counts(frames["exposure_s"])
+    for rows in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(counts)) + 1):
+        if len(rows) and not counts[rows[0]]:
+            utc_ns, exposure_s = frames["utc_ns"][rows], float(frames["exposure_s"][rows[0]])
+            reason = f"the exposure was {exposure_s:g} s, expected {watch.exposure_s:g} s"
+            yield Exclusion(int(utc_ns.min()), int(utc_ns.max()) + 1, reason, Cause.STEP)
 
 
 # Starts: each time that the supply was switched on, with its first panorama and its first answer.

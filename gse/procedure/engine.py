@@ -48,7 +48,7 @@ from gse.station.results import Status
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Outcome, share_of, share_outcome
 from gse.values.instant import NS_PER_S
-from gse.values.text import percent
+from gse.values.text import count_text, percent
 from protocols import NO_ANSWER, Condition, EncodeError, Frame, ItemValue, Protocol
 
 SILENT_NS = 2 * NS_PER_S
@@ -131,7 +131,7 @@ class Seen:
 
     def __init__(self) -> None:
         self.link, self.sky = "waiting", ""
-        self.stars = math.nan
+        self.stars = self.exposure_s = math.nan
         self.frame_ns = self.first_answer_ns = 0
         self.is_answered = False
         self.since_ns = 0
@@ -149,6 +149,7 @@ class Seen:
         answered = (results.rows["status"] == STATUSES.index(Status.IDENTIFIED)) & new
         self.frame_ns, self.is_answered = int(came_ns[new][-1]), bool(answered[new][-1])
         self.stars = float(np.nan_to_num(results.rows["matched"][new][-1]))
+        self.exposure_s = float(results.rows["exposure_s"][new][-1])
         if answered.any() and not self.first_answer_ns:
             self.first_answer_ns = int(came_ns[answered][0])
 
@@ -399,8 +400,8 @@ class Run:
         link = seen.link if is_heard or seen.link != "streaming" else ""
         known = {"state": seen.state(self.bench.now()[0]), "link": link, "sky": seen.sky}
         values: dict[str, ItemValue] = {name: word for name, word in known.items() if word}
-        if seen.frame_ns and not math.isnan(seen.stars):
-            values["stars"] = seen.stars
+        of_frame = {"stars": seen.stars, "exposure_s": seen.exposure_s} if seen.frame_ns else {}
+        values |= {name: value for name, value in of_frame.items() if not math.isnan(value)}
         if session.power and session.power[-1].utc_ns >= seen.since_ns:
             values["power_a"] = session.power[-1].amperes
             if not math.isnan(session.power[-1].volts):
@@ -427,8 +428,10 @@ class Run:
         while self._passed_s() < at_most_s and not self._hurries:
             while frames:
                 if (answer := awaited.take(frames.pop(0))) is not None:
-                    outcome = StepOutcome.PASS if answer.is_done else StepOutcome.FAIL
-                    return Done(outcome, f"{answer.text} after {self._passed_s():.2f} s")
+                    if not answer.is_done:
+                        given = "".join(f", {name} {value}" for name, value in act.arguments.items())
+                        return Done(StepOutcome.FAIL, f"{answer.text}: {act.command}{given}")
+                    return Done(StepOutcome.PASS, f"{answer.text} after {self._passed_s():.2f} s")
             yield
         if self._hurries:
             return Done(StepOutcome.INCONCLUSIVE, "sent; its answer was not awaited")
@@ -467,27 +470,37 @@ class Run:
         return outcome, f"{text}, at least {percent(kept.lower, 1)} with 95 % confidence"
 
     def _watch(self, act: Watch) -> _Ticks:
-        from_ns = self.bench.now()[0]
-        frames = len(self.bench.session.frames)
+        from_ns, first = self.bench.now()[0], len(self.bench.session.frames)
         while self._passed_s() < act.for_s and not self._hurries:
+            if act.frames is not None and self._counted(act, first, from_ns) >= act.frames:
+                break
             yield
         if self._hurries:
             return Done(StepOutcome.NOT_DONE, f"watched for {self._passed_s():.0f} of {act.for_s:g} s")
         outcome, words = self.bench.judge(from_ns, self.bench.now()[0], act)
-        came = len(self.bench.session.frames) - frames
+        came = count_text(len(self.bench.session.frames) - first, "frame")
+        if act.frames is not None:
+            came = f"{self._counted(act, first, from_ns)} of {count_text(act.frames, 'frame')}"
+        if act.exposure_s is not None:
+            came += f" of {act.exposure_s:g} s"
         gone = "; the port is gone" if self.seen.link == "no port" else ""
-        return Done(StepOutcome(outcome), f"{came} frames: {words or 'every row keeps its limit'}{gone}")
+        return Done(StepOutcome(outcome), f"{came}: {words or 'every row keeps its limit'}{gone}")
+
+    def _counted(self, act: Watch, first: int, from_ns: int) -> int:
+        """Frames from row ``first`` on that were exposed since then, as the watch asks."""
+        frames = self.bench.session.frames.columns
+        return int((act.counts(frames["exposure_s"][first:]) & (frames["utc_ns"][first:] >= from_ns)).sum())
 
     def _repeat(self, act: Repeat, number: str) -> _Ticks:
-        outcomes = set()
+        seen: dict[StepOutcome, str] = {}
         for turn in range(1, act.times + 1):
             for n, step in enumerate(act.steps, 1):
                 done = yield from self._step(step, f"{number}.{turn}.{n}")
-                outcomes.add(done.outcome)
+                seen.setdefault(done.outcome, f"round {turn} of {act.times}: {done.seen}")
                 if done.ends and not step.goes_on:
-                    return Done(done.outcome, f"round {turn} of {act.times}: {done.seen}")
-        worst = next((one for one in _WORST_FIRST if one in outcomes), StepOutcome.PASS)
-        return Done(worst, f"{act.times} rounds")
+                    return Done(done.outcome, seen[done.outcome])
+        worst = next((one for one in _WORST_FIRST if one in seen), StepOutcome.PASS)
+        return Done(worst, count_text(act.times, "round") if worst is StepOutcome.PASS else seen[worst])
 
 
 class OpenRun(Run):

@@ -15,7 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from drivers.host_files import a_file_or_a_shells_pipe
@@ -35,6 +37,7 @@ OPERATOR_S = 3600.0
 CHECK_S = 15.0
 """Time that a check waits for an item that has not come: STATUS frames come every ten seconds or more often."""
 _LONGEST_S = 30 * 86_400.0
+_MOST_FRAMES = 1_000_000
 _MOST_PLANNED = 600
 """Characters of a step that the as-run log shows."""
 
@@ -105,13 +108,30 @@ class CheckNow:
     at_most_s: float = CHECK_S
 
 
+def exposure_range_s(exposure_s: float) -> tuple[float, float]:
+    """From which to which exposure a sensor has the one that it was commanded: its timer may have steps of 1 %."""
+    return 0.99 * exposure_s, 1.01 * exposure_s
+
+
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """A stretch that is judged as a session is; ``limits`` take the place of those of the station file."""
+    """A stretch that is judged as a session is; ``limits`` take the place of those of the station file.
+
+    It ends before ``for_s`` where so many ``frames`` came; frames of another exposure than ``exposure_s`` do not count.
+    """
 
     for_s: float
     limits: Mapping[str, Any] = field(default_factory=dict)
     requirements: Mapping[str, Any] = field(default_factory=dict)
+    frames: int | None = None
+    exposure_s: float | None = None
+
+    def counts(self, exposure_s: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which frames (M,) of these exposures are judged."""
+        if self.exposure_s is None:
+            return np.ones(len(exposure_s), dtype=np.bool_)
+        low, high = exposure_range_s(self.exposure_s)
+        return (low <= exposure_s) & (exposure_s <= high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,7 +421,7 @@ class _Reader:
         return ShareOf(name, share, self.duration(limit) if isinstance(limit.value, str) else self.number(limit))
 
     def _watch(self, node: _Node, number: str) -> Watch:
-        found = self.table(node, ("for", "limits", "requirements"), ("for",))
+        found = self.table(node, ("for", "limits", "requirements", "frames", "exposure"), ("for",))
         limits = {name: below.value for name, below in self._mapping(found.get("limits")).items()}
         names = list(Limits.__dataclass_fields__)
         for name, below in self._mapping(found.get("limits")).items():
@@ -414,7 +434,9 @@ class _Reader:
                     below, f"{name} is {below.shown():.40}: {error.errors()[0]['msg'].lower()}"
                 ) from None
         requirements = {name: below.shown() for name, below in self._mapping(found.get("requirements")).items()}
-        return Watch(self.duration(found["for"]), limits, requirements)
+        frames = self.whole(found["frames"], 1, _MOST_FRAMES) if "frames" in found else None
+        exposure_s = self.duration(found["exposure"]) if "exposure" in found else None
+        return Watch(self.duration(found["for"]), limits, requirements, frames, exposure_s)
 
     def _mapping(self, node: _Node | None) -> dict[str, _Node]:
         if node is None:
@@ -516,6 +538,8 @@ def duration_s(steps: Sequence[Step], settle_s: float = 0.0) -> tuple[float, flo
 
 def _duration_s(act: Act, settle_s: float) -> tuple[float, float]:
     match act:
+        case Watch(for_s=for_s, frames=int()):
+            return 0.0, for_s
         case Wait(for_s=float(for_s)) | Watch(for_s=for_s):
             return for_s, for_s
         case Wait() | CheckNow():
@@ -547,6 +571,7 @@ STATION_ITEMS = {
     "link": _words("link", _LINKS),
     "sky": _words("sky", _SKIES),
     "stars": Item("stars", "", "stars", "", {}, False, 1.0),
+    "exposure_s": Item("exposure_s", "", "exposure_s", "s", {}, False, 1e-6),
     "power_v": Item("power_v", "", "power_v", "V", {}, False, 1e-3),
     "power_a": Item("power_a", "", "power_a", "A", {}, False, 1e-3),
 }

@@ -54,7 +54,7 @@ class Cause(StrEnum):
     MOUNT = "mount"
     """It was touched: nobody knows where it looked."""
     STEP = "other step"
-    """No step of the procedure watched it."""
+    """No step of the procedure watched it, or its exposure is not that of the step."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """Requests that were sent to a sensor, and which of them it answered: what a recording shows, live or replayed."""
 
 from collections import deque
+from collections.abc import Sequence
 
 from drivers.chunk import LinkEvent
 from gse.config.station import PollOptions, Port, Sensor, StartOptions
@@ -9,7 +10,7 @@ from gse.station.events import StationKind
 from gse.station.results import LinkCounters
 from protocols import Command, EncodeError, Frame, FrameDecoder, PanoramaMessage, Protocol
 
-START, REQUEST, STOP = "START", "REQUEST", "STOP"
+START, REQUEST, STOP, SET_EXPOSURE = "START", "REQUEST", "STOP", "SET_EXPOSURE"
 """Commands that the station sends by itself, as a station file has it asked."""
 
 IN_A_ROW = 3
@@ -84,6 +85,7 @@ class Polling:
 
 def check_asking(sensor: Sensor, port: Port, protocol: Protocol) -> None:
     """UsageError where the protocol has no such command, or the line is too slow for it."""
+    _check_exposures(sensor.exposures_s or (), protocol)
     options = sensor.start or sensor.poll
     if options is None:
         return
@@ -102,6 +104,27 @@ def check_asking(sensor: Sensor, port: Port, protocol: Protocol) -> None:
             f"sensor.{key}.period_ms is {options.period_ms:g}: one answer takes {needed_ms:.1f} ms on the line at "
             f"{port.baudrate} baud; give a longer period{', or `asap`' if key == 'poll' else ''}"
         )
+
+
+def _check_exposures(exposures_s: Sequence[float], protocol: Protocol) -> None:
+    if not exposures_s:
+        return
+    command, panoramas = protocol.commands.get(SET_EXPOSURE), protocol.panoramas
+    if command is None:
+        raise UsageError(
+            f"sensor.exposures_s: the description {protocol.name} has no command {SET_EXPOSURE}; describe it, or leave "
+            "exposures_s out"
+        )
+    if panoramas is None or all(of.name != "exposure" for of in panoramas.layout.fields):
+        raise UsageError(
+            f"sensor.exposures_s: the panoramas of {protocol.name} have no exposure, so nothing shows when a new one "
+            "is in force; leave exposures_s out"
+        )
+    for exposure_s in exposures_s:
+        try:
+            protocol.encode(command.made(exposure=f"{exposure_s:g} s"), 0)
+        except EncodeError as error:
+            raise UsageError(f"sensor.exposures_s: {exposure_s:g} s does not work: {error}") from error
 
 
 def asking_command(protocol: Protocol, options: StartOptions | PollOptions) -> Command:

@@ -153,7 +153,7 @@ def _judge_procedure(session: SessionData, log: AsRun) -> Assessment:
     ]
     watched = {step.number: judge_watch(session, step, watch) for step, watch in watches}
     log = replace(log, steps=tuple(_as_judged(step, watched.get(step.number)) for step in log.steps))
-    whole = _judge(replace(session, excluded=(*session.excluded, *not_watched(log))))
+    whole = _judge(replace(session, excluded=(*session.excluded, *not_watched(session, log))))
     verdict = log.verdict
     parameters = list(parameter_differences(session))
     if verdict is Verdict.PASS and (session.truncated or parameters):

@@ -15,6 +15,7 @@ from drivers.errors import DriverError
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 
 HEAD = "version: 1\nname: SS-TP-07\nstation: station.yaml\nsteps:\n"
+EXPOSURES = "exposures_s: [0.02, 0.3], frames_each: 12"
 CLEANUP = "cleanup:\n  - send: STOP\n  - power: off\n"
 STARTS = """\
   - power: off
@@ -150,3 +151,21 @@ def test_a_note_answers_the_step_that_waits_for_the_operator(begin, gse, tmp_pat
         assert ended(process) == 0, process.stderr.read()
     _, log = log_of(session)
     assert log["1"] == ("PASS", "SN 12")
+
+
+def test_a_sensor_on_a_port_is_swept_over_its_exposures(gse, tmp_path):
+    with EmulatedSensor(tmp_path) as sensor:
+        text = sensor.station.read_text()
+        sensor.station.write_text(text.replace("focal_length_px: 4170", "focal_length_px: 4170, " + EXPOSURES))
+        done = gse("run", sensor.station, "--out", tmp_path / "out", "--no-plots")
+    (folder,) = (tmp_path / "out").iterdir()
+    report = json.loads((folder / "report.json").read_text())
+    watches = [step for step in report["procedure"]["steps"] if step["number"].endswith(".1.3")]
+    assert [step["seen"].partition(":")[0] for step in watches] == [
+        "12 of 12 frames of 0.02 s",
+        "12 of 12 frames of 0.3 s",
+    ], done.err
+    assert all(step["rows"] for step in watches)
+    gse("replay", folder, "--out", tmp_path / "again")
+    (again,) = (tmp_path / "again").iterdir()
+    assert (again / "report.json").read_bytes() == (folder / "report.json").read_bytes()

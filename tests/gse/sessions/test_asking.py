@@ -2,8 +2,11 @@
 
 import json
 import time
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from devices.command_line import runner
@@ -24,6 +27,7 @@ from gse.sessions.replay import replay_session
 from gse.station.events import StationKind
 from gse.station.polling import Polling, check_asking
 from gse.station.results import LinkCounters
+from gse.values.instant import from_text
 from protocols import Command, FrameDecoder, load_protocol
 
 NSP = load_protocol("nsp-polled")
@@ -189,3 +193,112 @@ def test_a_replay_with_another_address_judges_another_sensor_of_the_line() -> No
     others = replay_session(golden, station=change_to(None, address=0x0F)).session
     assert 0 < len(others.frames) < 20 < len(own.frames)
     assert others.link.bytes_in == own.link.bytes_in
+
+
+# A sweep over exposures.
+
+SWEEP = {"exposures_s": [0.05, 0.2], "frames_each": 30}
+
+
+def swept(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The steps of a sweep, by their numbers."""
+    return {step["number"]: step for step in report["procedure"]["steps"]}
+
+
+def test_each_exposure_is_commanded_and_judged_by_frames_of_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # It thinks for long: frames that come when a watch begins were exposed before it.
+    document = {"text": "slow", "seconds": 60, "rate_hz": 10, "firmware": {"delay_ms": 400}}
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+    sensor = SWEEP | {"time": {"delay_ms": {"value": 400, "uncertainty": 1}}}
+    port = {"url": f"sim://?scenario={tmp_path / 'scenario.yaml'}"}
+    report, session = ran(tmp_path, capsys, station_file(tmp_path, sensor=sensor, port=port))
+    steps = swept(report)
+    frames = replay_session(session).session.frames.columns
+    for group, exposure in (("1", "0.05 s"), ("2", "0.2 s")):
+        sent, seen, watched = (steps[f"{group}.1.{n}"] for n in (1, 2, 3))
+        assert (sent["outcome"], sent["planned"]) == ("PASS", f"send: {{command: SET_EXPOSURE, exposure: {exposure}}}")
+        assert (seen["outcome"], seen["seen"][:14]) == ("PASS", "it came after ")
+        assert watched["seen"].startswith(f"30 of 30 frames of {exposure}: ")
+        judged = (frames["utc_ns"] > from_text(watched["from"])) & (frames["utc_ns"] < from_text(watched["until"]))
+        assert (np.isclose(frames["exposure_s"], float(exposure[:-2])) & judged).sum() >= 30
+        rows = {row["name"]: row for row in watched["rows"]}
+        assert rows["availability"]["value"] == 1.0
+        assert rows["mean |dRA*|"]["value"] < 60
+    left_out = [item for item in report["exclusions"] if item["frames"] and item["reason"].startswith("no step")]
+    waits = ["1.1.2, wait: {until: {exposure_s: [0.0495, 0.0505]}", "2.1.2, wait: {until: {exposure_s: [0.198, 0.202]}"]
+    for item, wait in zip(left_out, waits, strict=True):
+        assert f"the last one in it is {wait}" in item["reason"]
+    assert report["verdict"] == "INCONCLUSIVE"  # 30 frames show no 1 % of false answers
+
+
+def test_a_sensor_that_forgets_its_exposure_has_no_other_one_judged_with_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = "sim://?standby=yes&scenario=" + str(tmp_path / "scenario.yaml")
+    document = {"text": "a restart", "seconds": 60, "rate_hz": 10, "firmware": {"resets_s": [3], "boot_s": 0.5}}
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+    sensor = {"exposures_s": [0.1], "frames_each": 60, "start": {"period_ms": 100}}
+    report, _ = ran(tmp_path, capsys, station_file(tmp_path, sensor=sensor, port={"url": url}))
+    watched = swept(report)["1.1.3"]
+    came = int(watched["seen"].partition(" of 60 frames of 0.1 s: ")[0])
+    assert 10 <= came < 40
+    [other] = [item for item in report["exclusions"] if item["reason"] == "the exposure was 0.05 s, expected 0.1 s"]
+    assert other["frames"] > came
+
+
+def test_an_exposure_that_is_refused_leaves_the_others_tested(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    firmware = {"commands": {"SET_EXPOSURE": {"fault": "nak", "times": 1}}}
+    document = {"text": "a refusal", "seconds": 60, "rate_hz": 10, "firmware": firmware}
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+    port = {"url": f"sim://?scenario={tmp_path / 'scenario.yaml'}"}
+    report, _ = ran(tmp_path, capsys, station_file(tmp_path, sensor=SWEEP, port=port), code=1)
+    steps = swept(report)
+    assert [steps[number]["outcome"] for number in ("1", "1.1.1", "2.1.1", "2.1.2")] == ["FAIL", "FAIL", "PASS", "PASS"]
+    assert steps["2.1.3"]["seen"].startswith("30 of 30 frames of 0.2 s: ")
+    assert any("refuses SET_EXPOSURE" in reason and "exposure 0.05 s" in reason for reason in report["reasons"])
+
+
+@pytest.mark.parametrize(
+    ("sensor", "message"),
+    [
+        ({"exposures_s": []}, "expected a list of 1 to 100 exposures, such as [0.05, 0.1, 0.2], came none"),
+        ({"exposures_s": 0.1}, "came 0.1"),
+        ({"exposures_s": [n + 1 for n in range(101)]}, "came 101 of them"),
+        ({"exposures_s": ["fast"]}, "sensor.exposures_s is 'fast': expected a number"),
+        ({"exposures_s": [0.1, -1]}, "expected more than 0"),
+        ({"exposures_s": [0.2, 0.1, 0.201]}, "two exposures differ by less than 2 %"),
+        ({"exposures_s": [0.1], "frames_each": 0}, "sensor.frames_each is 0: expected at least 1"),
+        ({"exposures_s": [0.1, 30]}, "sensor.exposures_s: 30 s does not work: exposure is 3e+07 us"),
+    ],
+)
+def test_exposures_that_cannot_be_commanded_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sensor: dict[str, object], message: str
+) -> None:
+    station = station_file(tmp_path, sensor=sensor)
+    for command in (("config", "check", station), ("run", station, "--out", tmp_path / "runs")):
+        done = runner(capsys)(*command)
+        assert done.code == 2
+        assert message in done.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_sweep_needs_a_command_an_exposure_on_the_wire_and_a_session_of_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gse, exposures = runner(capsys), {"exposures_s": [0.1, 0.2]}
+    done = gse("config", "check", station_file(tmp_path, sensor=exposures, protocol="nsp-polled"))
+    assert (done.code, "nsp-polled has no command SET_EXPOSURE" in done.err) == (2, True)
+    text = resources.files("protocols").joinpath("panorama-v1.yaml").read_text(encoding="utf-8")
+    field = "      - {name: exposure, type: u32, unit: us}\n"
+    assert field in text
+    (tmp_path / "mute.yaml").write_text(text.replace(field, "      - {name: spare, type: u32}\n", 1), encoding="utf-8")
+    done = gse("config", "check", station_file(tmp_path, sensor=exposures, protocol=str(tmp_path / "mute.yaml")))
+    assert (done.code, "nothing shows when a new one is in force" in done.err) == (2, True)
+    done = gse("run", station_file(tmp_path, sensor=exposures), "--duration", "5m")
+    assert (done.code, "leave out --duration" in done.err) == (2, True)
+    with pytest.raises(ConfigError, match=r"sensor\.exposures_s beside port\.pass_to"):
+        parse_station(station_file(tmp_path, sensor=exposures, port={"url": "/dev/a", "pass_to": "/dev/b"}).read_text())
