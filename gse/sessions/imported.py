@@ -55,9 +55,9 @@ def _import_table(
     if start_utc is not None:
         raise UsageError(f"{table_path} is a table with UTC: leave --start-utc out")
     with open_table(table_path) as file:
-        chunks = Table(table_path, file).chunks()
-        first_utc = instant.to_text(next(chunks).utc_ns, 9)
-        deque(chunks, maxlen=0)
+        messages = Table(table_path, file).messages()
+        first_utc = instant.to_text(next(messages)[0], 9)
+        deque(messages, maxlen=0)
     with open_table(table_path) as file:
         table = Table(table_path, file)
         return _write(path, station_text, table.protocol, first_utc, clock_error_s, table.chunks())

@@ -19,6 +19,7 @@ from gse.values import instant
 from gse.values.panorama import MAX_OBJECTS
 from protocols import AttitudeMessage, PanoramaMessage, Protocol, parse_protocol
 
+_Message = AttitudeMessage | PanoramaMessage
 _MOST_LINE = 10_000
 _QUATERNION, _ANGLES, _OBJECT = ("q1", "q2", "q3", "q4"), ("ra_deg", "de_deg", "roll_deg"), ("y", "x", "index")
 _EXPECTED = (
@@ -100,12 +101,17 @@ class Table:
         self.protocol = _protocol(self._values)
 
     def chunks(self) -> Iterator[Chunk]:
-        """The frames of the table, each at its UTC; TableError names the line that cannot be read."""
+        """The frames of the table, each at its UTC; TableError as for ``messages``."""
+        for utc_ns, message in self.messages():
+            yield Chunk(utc_ns, utc_ns, self.protocol.encode(message, message.frame_no - 1))
+
+    def messages(self) -> Iterator[tuple[int, _Message]]:
+        """What the frames say, each with its UTC; TableError names the line that cannot be read."""
         yield from self._panoramas() if self.is_panoramas else self._attitudes()
         if not self._frames:
             raise self._error("the table ends after its head: expected a row for each instant")
 
-    def _attitudes(self) -> Iterator[Chunk]:
+    def _attitudes(self) -> Iterator[tuple[int, _Message]]:
         before_ns = -1
         for row in self._rows():
             utc_ns = self._utc_ns(row, before_ns)
@@ -122,10 +128,10 @@ class Table:
                 raise self._error(f"de_deg is {values[1]:g}: expected -90 to 90")
             state = "acquired" if valid else "lost"
             named: dict[str, Any] = dict(zip(self._values, values, strict=valid))
-            message = AttitudeMessage(time_us=utc_ns // 1000, frame_no=self._frames + 1, state=state, **named)
-            yield self._chunk(message, utc_ns)
+            self._frames += 1
+            yield utc_ns, AttitudeMessage(time_us=utc_ns // 1000, frame_no=self._frames, state=state, **named)
 
-    def _panoramas(self) -> Iterator[Chunk]:
+    def _panoramas(self) -> Iterator[tuple[int, _Message]]:
         """Rows of one UTC, one after the other, are a panorama."""
         at_ns, objects = -1, list[list[float]]()
         for row in self._rows():
@@ -140,25 +146,20 @@ class Table:
         if objects:
             yield self._panorama(at_ns, objects)
 
-    def _panorama(self, utc_ns: int, objects: list[list[float]]) -> Chunk:
+    def _panorama(self, utc_ns: int, objects: list[list[float]]) -> tuple[int, _Message]:
         """As in a single table, a line of zeros is no object: so a panorama without one is told, too."""
         table = np.array([one for one in objects if any(one)]).reshape(-1, 3)
         table = table[np.argsort(-table[:, 2], kind="stable")]
-        message = PanoramaMessage(
+        self._frames += 1
+        return utc_ns, PanoramaMessage(
             time_us=utc_ns // 1000,
-            frame_no=self._frames + 1,
+            frame_no=self._frames,
             exposure_s=math.nan,
             flags=frozenset(),
             temperature_c=math.nan,
             xy_px=table[:, 1::-1],
             index=table[:, 2],
         )
-        return self._chunk(message, utc_ns)
-
-    def _chunk(self, message: AttitudeMessage | PanoramaMessage, utc_ns: int) -> Chunk:
-        data = self.protocol.encode(message, self._frames)
-        self._frames += 1
-        return Chunk(utc_ns, utc_ns, data)
 
     def _rows(self) -> Iterator[dict[str, str]]:
         for line in self._lines():
