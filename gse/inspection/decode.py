@@ -16,6 +16,8 @@ from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage
 from gse.errors import UsageError
 from gse.recording.session_format import PROTOCOL
+from gse.station.reception import Arrivals
+from gse.station.results import LinkCounters
 from gse.values import instant
 from protocols import (
     Arrival,
@@ -25,7 +27,6 @@ from protocols import (
     Message,
     PanoramaMessage,
     Protocol,
-    SequenceTracker,
     load_protocol,
     parse_protocol,
 )
@@ -79,12 +80,12 @@ class _Stream:
         self._direction = direction
         self._protocol = protocol
         self._decoder = FrameDecoder(protocol, from_sensor=direction == "rx")
-        self._sequence = SequenceTracker(protocol.sequence_modulus)
+        self._counters = LinkCounters()
+        self._arrivals: Arrivals | None = None
         self._recent = bytearray()
         self._recent_start = 0
         self._stamps: deque[tuple[int, int | None]] = deque()
         self._waiting: deque[Frame | Discard] = deque()
-        self._frame_utc_ns: int | None = None
 
     def feed(self, data: bytes, utc_ns: int | None) -> Iterator[DecodedPiece]:
         """The pieces that these bytes complete."""
@@ -123,25 +124,26 @@ class _Stream:
 
     def _frame(self, frame: Frame, utc_ns: int | None) -> DecodedPiece:
         message = self._protocol.decode(frame)
-        before_ns, self._frame_utc_ns = self._frame_utc_ns, utc_ns
-        elapsed_s = None if None in (before_ns, utc_ns) else (utc_ns - before_ns) / 1e9  # type: ignore[operator]
-        arrival = self._arrival(frame, message, elapsed_s)
-        totals = self.totals
+        arrival = self._arrival(frame, message, utc_ns)
+        totals, counters = self.totals, self._counters
         totals.bytes_framed += frame.size
         totals.frames[frame.type] += 1
         totals.frames_with_problems += bool(message.problems)
-        totals.frames_lost, totals.duplicates = self._sequence.lost, self._sequence.duplicates
-        totals.resets = self._sequence.resets
+        totals.frames_lost, totals.duplicates = counters.frames_lost, counters.duplicates
+        totals.resets = counters.sensor_resets
         return DecodedPiece(self._direction, utc_ns, frame, message, arrival)
 
-    def _arrival(self, frame: Frame, message: Message, elapsed_s: float | None) -> Arrival:
-        # As the reception does it: only the tags of live panoramas tell a restart.
-        if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
-            restarted = "clock reset" in message.flags
-            return self._sequence.accept(
-                frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s
-            )
-        return self._sequence.accept(frame.sequence, elapsed_s=elapsed_s)
+    def _arrival(self, frame: Frame, message: Message, utc_ns: int | None) -> Arrival:
+        if self._arrivals is None:
+            self._arrivals = Arrivals(self._protocol, self._counters, has_times=utc_ns is not None)
+        # As the reception does it: only the tags of panoramas tell a restart.
+        panorama = message if isinstance(message, PanoramaMessage) else None
+        return self._arrivals.accept(
+            frame,
+            utc_ns or 0,
+            panorama.time_us if panorama else None,
+            restarted=panorama is not None and "clock reset" in panorama.flags,
+        )
 
 
 class Decoding:

@@ -1,5 +1,6 @@
 """``gse decode``: frames and discards in order, explained, with totals that add up."""
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -177,3 +178,16 @@ def test_a_full_disk_behind_stdout_is_said_in_one_line(capture: Path) -> None:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 3
     assert done.stderr == "gse: No space left on device: the output is incomplete; free some disk space and repeat\n"
+
+
+def test_numbers_are_counted_as_the_description_says(tmp_path: Path) -> None:
+    packets, path = load_protocol("ccsds-packets"), tmp_path / "packets.bin"
+    begin, empty = 2_000_000_000_000_000, PanoramaMessage.empty()  # of CUC time, from 1958 on
+    messages = [dataclasses.replace(empty, time_us=begin + n * 100_000, frame_no=n) for n in range(5)]
+    status = StatusMessage(time_us=begin, temperature_c=20.0, mode="streaming")
+    sent = [packets.encode(message, n) for n, message in enumerate(messages)]
+    path.write_bytes(packets.encode(status, 0) + b"".join(sent) + packets.encode(status, 1) + sent[3])
+    decoding = Decoding(path, "ccsds-packets")
+    assert [piece.arrival.value for piece in decoding if piece.arrival] == ["next"] * 7 + ["duplicate"]
+    totals = decoding.totals["rx"]
+    assert (totals.duplicates, totals.frames_lost, totals.resets) == (1, 0, 0)
