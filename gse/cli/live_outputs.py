@@ -110,6 +110,11 @@ class LiveOutputs:
         beside = None if is_mock(loop.setup.station.port.url) else snapshot
         return [*listeners, _live_diagnosis(listeners, beside)]
 
+    def ask(self, question: str) -> None:
+        """Show a question to the operator; empty when it is answered."""
+        if self._status is not None:
+            self._status.ask(question)
+
     def enter_judging(self) -> None:
         """Show that the session is closed and judged."""
         if self._forecast is not None:

@@ -2,7 +2,6 @@
 
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -19,9 +18,6 @@ from gse.station.setup import addressed
 from gse.values.shown import Shown
 from gse.values.text import count_text
 from protocols import Protocol, load_protocol
-
-if TYPE_CHECKING:
-    pass
 
 _MOST_PROBLEMS = 10
 
@@ -73,8 +69,7 @@ def run(
         station, text = simulated_for(station, text, procedure, shown)
     desk = Desk(
         name=operator_name or station.test.operator or "",
-        show=lambda words: say_line(f"\a{words}") if words else None,
-        terminal=terminal_of_operator() if answers is None else None,
+        terminal=terminal_of_operator(),
         page=live.view == "web",
         answers=answers,
     )

@@ -307,8 +307,12 @@ def run_session(
     outputs, alarmed = LiveOutputs(asked.live, notes=notes), contextlib.ExitStack()
 
     def listeners(loop: "StationLoop", folder: Path, live: "LiveState") -> "Sequence[Listener]":
+        def show(words: str) -> None:
+            live.question = words
+            outputs.ask(words)
+
         if procedure is not None:
-            procedure.desk.on_page = lambda words: setattr(live, "question", words)
+            procedure.desk.show = show
         elif (station.alarms.command or station.alarms.post) and not station.port.url.startswith("replay://"):
             from gse.sessions.alarms import Alarmed
 

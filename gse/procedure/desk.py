@@ -22,7 +22,7 @@ from protocols.yaml_text import load_document
 
 ANSWER = "answer:"
 """A note that begins with this answers the step that waits for the operator."""
-STOPS = ("no", "stop", "abort")
+STOPS = ("n", "no", "not done", "stop", "abort", "cancel")
 """Answers to what one is told that mean: this cannot be done."""
 _NOTE = re.compile(r"\s*(?:([\d.]+):)?\s*(.*)", re.DOTALL)
 _MOST_ANSWERS_BYTES = 100_000
@@ -39,11 +39,10 @@ class Question:
     expect: str | None = None
     confirms: bool = False
 
-    @property
-    def shown(self) -> str:
-        """The question with what may be answered."""
+    def shown(self, problem: str = "") -> str:
+        """The question with what may be answered, and the ``problem`` of the answer before."""
         how = "Enter when it is done, no if it cannot be" if self.confirms else "type the answer"
-        return f"step {self.number}: {self.text} [{how}]"
+        return f"step {self.number}: {self.text} [{f'{problem}; ' if problem else ''}{how}]"
 
     def problem(self, answer: str) -> str:
         """Why an answer does not do; empty where it does."""
@@ -55,20 +54,23 @@ class Question:
 
 
 class Desk:
-    """Asks the operator: ``show`` prints a question, empty when it is answered; ``page``: a page can answer, too."""
+    """Asks the operator: ``show`` is given a question, empty when it is answered; ``page``: a page can answer, too.
+
+    ``look`` takes the notes of the session, also while the time of a simulation stands still for the answer.
+    """
 
     def __init__(
         self,
         *,
         name: str = "",
-        show: Callable[[str], None] = lambda text: None,
         terminal: TextIO | None = None,
         page: bool = False,
         answers: Mapping[str, str] | None = None,
     ) -> None:
         self.name = name or _login_name()
-        self._show, self._page, self._answers = show, page, answers
-        self.on_page: Callable[[str], None] = lambda text: None
+        self._page, self._answers = page, answers
+        self.show: Callable[[str], None] = lambda text: None
+        self.look: Callable[[], None] = lambda: None
         self._given: queue.Queue[tuple[str, str]] = queue.Queue(_MOST_WAITING)
         self._terminal = terminal
         self._reading: threading.Thread | None = None
@@ -79,22 +81,22 @@ class Desk:
         """Whether anybody or anything could answer."""
         return self._terminal is not None or self._page or self._from_file(question) is not None
 
-    def ask(self, question: Question) -> None:
-        """Show a question; answers to an earlier one are forgotten."""
+    def ask(self, question: Question, problem: str = "") -> None:
+        """Show a question, and the ``problem`` of its answer so far; answers to an earlier one are forgotten."""
         while not self._given.empty():
             self._given.get_nowait()
         if (answer := self._from_file(question)) is not None:
             self._given.put_nowait((answer, "answers file"))
             return
-        self.shown, self._asks = question.shown, question
-        self._show(self.shown)
-        self.on_page(self.shown)
+        self.shown, self._asks = question.shown(problem), question
+        self.show(self.shown)
         if self._terminal is not None and self._reading is None:
             self._reading = threading.Thread(target=self._read, name="operator", daemon=True)
             self._reading.start()
 
     def take(self, wait_s: float = 0.0) -> tuple[str, str] | None:
         """The answer, and who gave it; None while there is none."""
+        self.look()
         try:
             return self._given.get(timeout=wait_s) if wait_s else self._given.get_nowait()
         except queue.Empty:
@@ -104,8 +106,7 @@ class Desk:
         """The question is answered, or is not asked any more."""
         if self.shown:
             self.shown, self._asks = "", None
-            self._show("")
-            self.on_page("")
+            self.show("")
 
     def put(self, answer: str, by: str) -> None:
         """Take an answer from elsewhere; one too many is dropped."""

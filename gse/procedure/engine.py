@@ -337,7 +337,7 @@ class Run:
                 if problem := question.problem(answer):
                     if by == "answers file":
                         return Done(StepOutcome.FAIL, problem, by)
-                    desk.ask(question)
+                    desk.ask(question, problem)
                     continue
                 return Done(StepOutcome.PASS, answer or "done", by)
         finally:

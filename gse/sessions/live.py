@@ -277,6 +277,7 @@ def run_live(
             loop.take_frame = procedure.take_frame
             procedure.begin(_Bench(loop, link, recorder, power, operator.ending))
             derived_data.procedure = procedure
+            procedure.desk.look = derived_data.take_notes
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
         leave = operator.ending.leaves_the_rest
@@ -402,16 +403,20 @@ class _DerivedDataRecorder:
         if self._link.is_live or self._last_ns:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
-            for text in self._operator.notes.take():
-                if self.procedure is not None and text.startswith(ANSWER):
-                    self.procedure.desk.put_note(text)
-                elif text.startswith(OF_SENSOR):
-                    with contextlib.suppress(PortError):  # the port is gone: gse sensor gets no answer and asks again
-                        self._link.send(bytes.fromhex(text.removeprefix(OF_SENSOR)))
-                else:
-                    self._event(*event_of(text))
+            self.take_notes()
         self._read_clock()
         self._tick_procedure()
+
+    def take_notes(self) -> None:
+        """Take what the page, ``gse note`` and ``gse sensor`` left."""
+        for text in self._operator.notes.take():
+            if self.procedure is not None and text.startswith(ANSWER):
+                self.procedure.desk.put_note(text)
+            elif text.startswith(OF_SENSOR):
+                with contextlib.suppress(PortError):  # the port is gone: gse sensor gets no answer and asks again
+                    self._link.send(bytes.fromhex(text.removeprefix(OF_SENSOR)))
+            else:
+                self._event(*event_of(text))
 
     def _tick_procedure(self) -> None:
         """Go on with the procedure once all that came is processed; on a computer that is behind, now and then."""

@@ -99,6 +99,10 @@ function show(state) {
   at("question").hidden = !state.question;
   if (at("question-text").textContent !== state.question) at("answer-problem").textContent = "";
   put("question-text", state.question);
+  // What is told can be refused; what is asked has an answer.
+  const isTold = state.question.endsWith("no if it cannot be]");
+  at("answer-no").hidden = !isTold;
+  put("answer-yes", isTold ? "done" : "send");
   if (state.errors) takeErrors(state.errors);
   showTurn(state.turn);
   showFocus(state.focus);

@@ -38,6 +38,10 @@ _EACH_TIME = {
 """Announced each time, because data may be lost, or because each is another; their makers limit their number."""
 
 
+_OF_STEPS = {StationKind.STEP_BEGUN, StationKind.STEP_DONE}
+"""Never announced: who runs a procedure says each step, and its report has them all."""
+
+
 class Announcer:
     """A listener of the station loop that prints the first event of each kind, and the number of further ones at the
     end.
@@ -55,6 +59,8 @@ class Announcer:
 
     def on_event(self, event: LinkEvent) -> None:
         """Print an event if it is the first of its kind, and says more than the one before (LOST, then NO_PORT)."""
+        if event.kind in _OF_STEPS:
+            return
         self._seen[event.kind] += 1
         is_new, self._said = event.text != self._said, event.text
         if is_new and (self._seen[event.kind] == 1 or event.kind in _EACH_TIME):
@@ -71,6 +77,8 @@ class Announcer:
 
 _LINK_STYLES = {"streaming": "green", "silent": "bold red", "no port": "bold red", "closed": "dim"}
 _NO_LINK = "no link"
+_PROMPT = "> "
+_CLEAR_LINE = "\r\x1b[2K"
 _BAD = "bold red"
 _LITTLE_BYTES = 1_000_000_000
 
@@ -101,9 +109,9 @@ class StatusLine:
         self._state = live
         self._due_ns = 0
         self._closed = False
-        self._announcer = Announcer(
-            lambda text: self._console.print(text, soft_wrap=not self._is_terminal, markup=False)
-        )
+        self._asks = False
+        self._step = ""
+        self._announcer = Announcer(self._print)
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=2, transient=True)
 
     def on_results(self, results: FrameResults, so_far: SessionSoFar) -> None:
@@ -115,7 +123,11 @@ class StatusLine:
         print("".join(part.text for part in self._shown(self._width)), file=self._console.file, flush=True)
 
     def on_event(self, event: LinkEvent, so_far: SessionSoFar) -> None:
-        """Announce the event, each kind once; the state of the link stays in the line."""
+        """Announce the event, each kind once; the state of the link and the step that runs stay in the line."""
+        if event.kind == StationKind.STEP_BEGUN:
+            self._step = f"step {event.text.split(' | ')[0]}"
+        elif event.kind == StationKind.PROCEDURE_ENDED:
+            self._step = ""
         if not self._quiet:
             self._announcer.on_event(event)
 
@@ -143,6 +155,7 @@ class StatusLine:
         link = f"link {word}" if word != _NO_LINK else word
         yield _LinePart(link, 5 if progress and word == "streaming" else 0, _LINK_STYLES.get(word, ""))
         yield _LinePart(f"  {progress}" if progress else "", 1)
+        yield _LinePart(f"  {self._step}" if self._step else "", 1)
         yield _LinePart(f"  {count_text(so_far.frames, 'frame')}{_rate(so_far)}", 5)
         lost = so_far.link.frames_lost
         yield _LinePart(f"  {lost} lost" if lost else "", 2, _BAD)
@@ -175,6 +188,27 @@ class StatusLine:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def ask(self, question: str) -> None:
+        """Show a question to the operator in the place of the line, where the answer is typed; empty ends it."""
+        self._live.stop()
+        self._prompt("")
+        self._asks = bool(question)
+        if question:
+            self._print(question)
+        elif self._is_terminal and not self._closed:
+            self._live.start()
+
+    def _print(self, text: str) -> None:
+        self._prompt("")
+        self._console.print(text, soft_wrap=not self._is_terminal, markup=False)
+        self._prompt(_PROMPT)
+
+    def _prompt(self, text: str) -> None:
+        """Renew the line where the operator types; there is none unless one is asked on a terminal."""
+        if self._asks and self._is_terminal:
+            self._console.file.write(f"{_CLEAR_LINE}{text}")
+            self._console.file.flush()
 
     def close(self) -> None:
         """Remove the line and print the number of repeated events; further calls do nothing."""

@@ -1,6 +1,9 @@
 """Runs on an emulated sensor whose supply a program switches: the terminal, notes, signals, a port that is lost."""
 
 import json
+import os
+import re
+import select
 import signal
 import subprocess
 import sys
@@ -14,6 +17,12 @@ from devices.patience import PATIENCE_S
 from drivers.errors import DriverError
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 
+SIMULATED = """\
+version: 1
+sensor: {name: ST-1, rows: 1024, columns: 1024, focal_length_px: 4170}
+site: {name: roof, latitude_deg: -6.53, longitude_deg: 106.7, height_m: 250}
+port: {url: "sim://"}
+"""
 HEAD = "version: 1\nname: SS-TP-07\nstation: station.yaml\nsteps:\n"
 EXPOSURES = "exposures_s: [0.02, 0.3], frames_each: 12"
 CLEANUP = "cleanup:\n  - send: STOP\n  - power: off\n"
@@ -169,3 +178,52 @@ def test_a_sensor_on_a_port_is_swept_over_its_exposures(gse, tmp_path):
     gse("replay", folder, "--out", tmp_path / "again")
     (again,) = (tmp_path / "again").iterdir()
     assert (again / "report.json").read_bytes() == (folder / "report.json").read_bytes()
+
+
+def test_a_note_answers_while_the_time_of_a_simulation_stands_still(begin, gse, tmp_path):
+    (tmp_path / "station.yaml").write_text(SIMULATED)
+    process, session = begin("  - ask: {label: serial, text: Serial number}\n", "--view", "web")
+    await_step(session, 1)
+    gse("note", "answer: SN 12", session.folder)
+    ended(process)
+    assert log_of(session)[1]["1"] == ("PASS", "SN 12")
+
+
+def test_nothing_is_written_where_the_operator_types_and_a_wrong_answer_is_told_why(tmp_path):
+    (tmp_path / "station.yaml").write_text(SIMULATED)
+    ask = '  - ask: {label: serial, text: Serial number, expect: "SN \\\\d+"}\n  - wait: {for: 2s}\n'
+    (tmp_path / "test.yaml").write_text(HEAD + ask)
+    command = [sys.executable, "-m", "gse", "procedure", "run", str(tmp_path / "test.yaml"), "--no-plots"]
+    master, slave = os.openpty()
+    environment = os.environ | {"TERM": "xterm"}
+    process = subprocess.Popen(
+        [*command, "--out", str(tmp_path / "out")], stdin=slave, stdout=slave, stderr=slave, env=environment
+    )
+    os.close(slave)
+    came = ""
+
+    def read_until(pattern, within_s=PATIENCE_S):
+        nonlocal came
+        until_s = time.monotonic() + within_s
+        while not re.search(pattern, came) and (left_s := until_s - time.monotonic()) > 0:
+            if select.select([master], [], [], left_s)[0]:
+                try:
+                    came += os.read(master, 4096).decode()
+                except OSError:  # Linux says so of a terminal that nobody has open any more
+                    return
+
+    try:
+        read_until(r"\[type the answer\]\r\n.*> ")
+        came = ""
+        read_until("nothing", within_s=1.5)  # the status line is renewed twice a second
+        os.write(master, b"twelve\n")
+        read_until(r"expected SN \\d\+; type the answer\]\r\n.*> ")
+        assert came.startswith("twelve\r\n")
+        os.write(master, b"SN 12\n")
+        read_until("exit code")
+        assert "step 1 PASS: SN 12" in came
+        process.wait(PATIENCE_S)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(master)
