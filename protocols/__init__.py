@@ -17,6 +17,7 @@ from protocols.messages import (
     Other,
     PanoramaColumns,
     PanoramaMessage,
+    StarsMessage,
     StatusMessage,
 )
 from protocols.protocol import Protocol, built_in_names, load_protocol, parse_protocol
@@ -52,6 +53,7 @@ __all__ = [
     "Protocol",
     "ProtocolError",
     "SequenceTracker",
+    "StarsMessage",
     "StatusMessage",
     "built_in_names",
     "load_protocol",

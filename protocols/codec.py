@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from protocols.errors import EncodeError
 from protocols.layout import MessageLayout
-from protocols.messages import Command, Message, Other, PanoramaColumns, PanoramaMessage
+from protocols.messages import Command, Message, Other, PanoramaColumns, PanoramaMessage, StarsMessage
 from protocols.record import BYTES_3, FieldLayout
 from protocols.vocabulary import Kind
 
@@ -380,6 +380,48 @@ class MessageCodec:
             self._fields[at].clear(rows)
             self._fields[at].put(rows, count)
         return bytes(changed[: len(payload)])
+
+
+class StarsCodec(MessageCodec):
+    """Converts lists of stars, whose slots are few."""
+
+    def __init__(self, layout: MessageLayout, commands: Mapping[int, str]) -> None:
+        super().__init__(layout, commands)
+        assert layout.slots is not None
+        self._slots = layout.slots
+        self._of_slot = [FieldCodec(field, commands, layout.byte_order) for field in layout.slots.fields]
+
+    def decode(self, payload: bytes) -> Message:
+        """The list of a payload that has this type's length; slots behind the last that is not all zero are empty."""
+        slots = self._slots
+        whole = payload.ljust(self.layout.size, b"\0")  # slots by count may be fewer
+        values, problems = self._decode_fields(whole)
+        rows = np.frombuffer(whole, slots.dtype, slots.repeat, slots.offset)
+        used = values.pop("count", None)
+        if used is None:
+            used = -(-len(whole[slots.offset :].rstrip(b"\0")) // slots.dtype.itemsize)
+        for field in self._of_slot:
+            counts = field.column(rows[: max(used, 0)])
+            if (problem := field.problem_among(counts) if field.is_checked else None) is not None:
+                problems.append(problem)
+            values[field.attribute] = tuple(field.value_of(count) for count in counts.tolist())
+        return StarsMessage(**values, problems=tuple(problems))
+
+    def encode(self, message: Message) -> bytes:
+        """The payload that says this list; EncodeError if a value does not fit."""
+        assert isinstance(message, StarsMessage)
+        slots, count = self._slots, len(message.stars)
+        if count > slots.repeat:
+            raise EncodeError(f"a list of {count} stars: expected {slots.repeat} at most")
+        payload = bytearray(self.layout.blank)
+        self._encode_fields(
+            payload, [count if f.name == "count" else getattr(message, f.attribute) for f in self._fields]
+        )
+        rows = np.frombuffer(payload, slots.dtype, count, slots.offset)
+        for field in self._of_slot:
+            for row, value in enumerate(getattr(message, field.attribute)):
+                field.put(rows[row : row + 1], field.count_of(value))
+        return bytes(payload[: slots.offset + count * slots.dtype.itemsize] if slots.are_counted else payload)
 
 
 class PanoramaCodec(MessageCodec):

@@ -240,7 +240,7 @@ def _check(
 
 @dataclass(frozen=True, slots=True)
 class SlotsLayout:
-    """The slots of a panorama: up to ``repeat`` times the same record from ``offset`` on.
+    """The slots of a panorama, or of STARS: up to ``repeat`` times the same record from ``offset`` on.
 
     ``are_counted`` where a payload ends with the last one that is used. ``part_first`` is the number of the first of
     the frames that a panorama comes in, None where one is enough.
@@ -686,7 +686,7 @@ def _compile_message(
         form=form,
         dtype=dtype,
         fields=fields,
-        slots=_slots(message, placed, form, description, source) if form else None,
+        slots=_slots(name, message, placed, form, description, source) if form else None,
         blank=_blank(placed, size, description),
         items=items,
         item_dtype=item_dtype,
@@ -737,20 +737,21 @@ def _blank(placed: Sequence[Placed], size: int, description: Description) -> byt
 
 
 def _slots(
+    name: str,
     message: MessageDescription,
     placed: Sequence[Placed],
     form: Form,
     description: Description,
     source: DescriptionSource,
 ) -> SlotsLayout | None:
-    slots, path = message.slots, ("messages", "PANORAMA", "slots")
+    slots, path = message.slots, ("messages", name, "slots")
     if slots is None:
         if form.slot_roles:
-            raise source.error("is missing: a panorama is a number of slots with y, x and index", path)
+            raise source.error(f"is missing: {name} is a number of slots with {', '.join(form.slot_roles)}", path)
         return None
     block = placed[-1]
     if not form.slot_roles:
-        raise source.error("only PANORAMA has slots", block.path)
+        raise source.error("only PANORAMA and STARS have slots", block.path)
     names = [field.name for field in message.fields]
     if (slots.repeat is None) is (slots.count is None and slots.most is None):
         raise source.error("expected repeat, or count and most", path)
@@ -758,9 +759,9 @@ def _slots(
         if slots.count is None or slots.most is None:
             raise source.error("is missing", (*path, "most" if slots.most is None else "count"))
         if "count" not in names:
-            raise source.error("is missing: it says how many slots follow", ("messages", "PANORAMA", "fields"))
+            raise source.error("is missing: it says how many slots follow", ("messages", name, "fields"))
         if message.length is not None:
-            raise source.error("depends on the count: leave it out", ("messages", "PANORAMA", "length"))
+            raise source.error("depends on the count: leave it out", ("messages", name, "length"))
         if any(item.offset >= block.offset for item in placed[:-1]):
             raise source.error("slots by count stand at the end of the payload", path)
     if slots.parts and not {"part", "parts"} <= set(names):

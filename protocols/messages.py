@@ -4,6 +4,7 @@
     PANORAMA    PanoramaMessage              any command   Command
     STATUS      StatusMessage
     ATTITUDE    AttitudeMessage
+    STARS       StarsMessage
     ACK         Ack
     NAK         Nak
     any other   Other
@@ -152,6 +153,20 @@ class AttitudeMessage(Message):
     q2: float = math.nan
     q3: float = math.nan
     q4: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StarsMessage(Message):
+    """The stars that the sensor names in the panorama ``frame_no``: objects, their stars, what is left between the two.
+
+    ``objects`` are counted from 0 in the order of the panorama, ``stars`` are numbers of the sensor's catalogue.
+    """
+
+    time_us: int = 0
+    frame_no: int = 0
+    objects: tuple[int, ...] = ()
+    stars: tuple[int, ...] = ()
+    residuals_arcsec: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

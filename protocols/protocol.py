@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from protocols.codec import MessageCodec, PanoramaCodec
+from protocols.codec import MessageCodec, PanoramaCodec, StarsCodec
 from protocols.commands import compile_commands
 from protocols.description import Description, TimeDescription
 from protocols.errors import DescriptionError, EncodeError
@@ -31,6 +31,7 @@ from protocols.messages import (
     Other,
     PanoramaColumns,
     PanoramaMessage,
+    StarsMessage,
     StatusMessage,
     Value,
 )
@@ -39,6 +40,8 @@ from protocols.reading import MAX_TEXT, DescriptionSource, read_document, valida
 from protocols.text import TextLayout, compile_text
 from protocols.vocabulary import NAME_OF
 from protocols.wire_class import ClassLayout, load_wire_class, wire_class_names
+
+_CODECS = {"PANORAMA": PanoramaCodec, "STARS": StarsCodec}
 
 
 class Protocol:
@@ -62,7 +65,7 @@ class Protocol:
         self.commands = compile_commands(description, layouts, self.items, source, self)
         self.parameters = self._parameter_names(source)
         self._codecs = {
-            name: (PanoramaCodec if layout.slots else MessageCodec)(layout, commands)
+            name: (_CODECS[name] if layout.slots else MessageCodec)(layout, commands)
             for name, layout in layouts.items()
         }
         panoramas = self._codecs.get("PANORAMA")
@@ -176,7 +179,8 @@ class Protocol:
             # Any number stands in a binary field, in a line only those that its words can say.
             return layout.blank if isinstance(self.frame_layout, TextLayout) else draw.randbytes(layout.size)
         codec = self._codecs[type_name]
-        assert isinstance(codec, PanoramaCodec)
+        if not isinstance(codec, PanoramaCodec):
+            return codec.encode(StarsMessage(objects=(1, 0), stars=(draw.randint(1, 255), 7), residuals_arcsec=(1, 2)))
         return codec.encode_parts(codec.random_message(draw))[0]
 
     def flags_of(self, frame: Frame) -> frozenset[str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from fractions import Fraction
 
-from protocols.messages import Ack, AttitudeMessage, Message, Nak, PanoramaMessage, StatusMessage
+from protocols.messages import Ack, AttitudeMessage, Message, Nak, PanoramaMessage, StarsMessage, StatusMessage
 
 SPARE = "spare"
 """A field that the station has no use for: written as zero, not looked at when read."""
@@ -54,6 +54,7 @@ _DEGREES = {
     "arcsec": Unit(Fraction(1, 3600)),
     "rad": Unit(Fraction("57.29577951308232")),
 }
+_ARCSECONDS = {name: Unit(unit.factor * 3600) for name, unit in _DEGREES.items()}
 _RIGHT_ASCENSION = {**_DEGREES, "h": Unit(Fraction(15))}
 
 _PER_SECOND = {f"{name}/s": unit for name, unit in _DEGREES.items()}
@@ -179,6 +180,15 @@ FORMS: Mapping[str, Form] = {
             "state": Role("state", Kind.WORD),
             "latency": Role("latency_s", Kind.NUMBER, SECONDS),
             **{name: Role(name, Kind.NUMBER) for name in QUATERNION},
+        },
+    ),
+    "STARS": Form(
+        StarsMessage,
+        {"time": _TIME, **_PARTS_OF_TIME, "frame_no": Role("frame_no"), "count": Role("count")},
+        {
+            "object": Role("objects", required=True),
+            "star": Role("stars", required=True),
+            "residual": Role("residuals_arcsec", Kind.NUMBER, _ARCSECONDS),
         },
     ),
     "ACK": Form(Ack, {"command": Role("command", Kind.COMMAND), "sequence": Role("sequence")}),

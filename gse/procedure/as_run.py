@@ -175,6 +175,7 @@ def part_of(session: SessionData, from_ns: int, until_ns: int, station: Station)
         frames=_rows_of(session.frames, rows),
         housekeeping=_items_of(session.housekeeping, from_ns, until_ns),
         sensor_attitudes=AttitudeTable.from_rows(own[(came_ns >= from_ns) & (came_ns < until_ns + NS_PER_S)]),
+        star_names=session.star_names.between(from_ns, until_ns),
         statuses=[item for item in session.statuses if from_ns <= item[0] < until_ns],
         events=[
             event

@@ -132,6 +132,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         report["stated_accuracy"] = [{**dataclasses.asdict(of_axis), "scatter": of_axis.word} for of_axis in stated]
     if qualities := errors_by_quality(session, stats):
         report["quality"] = list(qualities)
+    if stats.names is not None:
+        report["star_names"] = stats.names
     if session.housekeeping.parameters:
         report["parameters"] = {
             "sha256": parameters_sha256(session.housekeeping),

@@ -350,7 +350,7 @@ def session_alone(
 def _derived(place: _Place | None, derive: Callable[[], Replay], tell: Callable[[str], None]) -> Judged:
     replay = derive()
     assessment = judge(replay.session)
-    if place:
+    if place and not len(replay.session.star_names.rows):  # no table of kept results has them
         _keep(replay.session, assessment, place, tell)
     return Judged(replay.session, assessment, replay.own_elapsed_us)
 
@@ -380,7 +380,7 @@ def keep_live(session: SessionData, assessment: Assessment, path: Path, tell: Ca
     place = None
     with contextlib.suppress(UsageError):  # a session alone names no file of this host, and nothing is kept of such
         place = _place_of(path, lambda recorded: recorded)
-    if place:
+    if place and not len(session.star_names.rows):
         _keep(session, assessment, place, tell)
 
 

@@ -90,7 +90,7 @@ from gse.values.panorama import Panorama, Panoramas
 from gse.values.sensor_time import time_of
 from gse.values.shown import ShownSky
 from gse.values.site import Site
-from protocols import Frame, StatusMessage
+from protocols import Frame, StarsMessage, StatusMessage
 from protocols.description import TimeDescription
 
 if TYPE_CHECKING:
@@ -323,6 +323,7 @@ class StationLoop:
         search = ThinnedSearch(robust, station.site, mount) if isinstance(robust, RobustIdentifier) else None
         self._search = search
         self._frame_processor = _frame_processor_of(setup, mount, search)
+        self._lists_stars = "STARS" in setup.protocol.types
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude, station.sensor.camera())
         baudrate = station.port.baudrate
         self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
@@ -527,6 +528,8 @@ class StationLoop:
         if isinstance(item, OwnAnswer):
             self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
             return item if item.utc_ns is not None else None
+        if isinstance(item, StarsMessage):
+            self.session.star_names.take_list(item)
         if isinstance(item, tuple):
             return self._take_status(*item)
         return item if isinstance(item, LinkEvent) else None
@@ -558,6 +561,8 @@ class StationLoop:
         """Store results; the listeners see them in their order, with the events that they bring between them."""
         first, shown = len(self.session.frames), 0
         self.session.frames.extend(results.rows, results.match_rows(), results.other_rows())
+        if self._lists_stars:
+            self.session.star_names.take_results(results)
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             for result in results:
                 self._first_seconds.add(result, self._frame_processor.truth)

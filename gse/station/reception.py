@@ -68,6 +68,7 @@ from protocols import (
     PanoramaColumns,
     Protocol,
     SequenceTracker,
+    StarsMessage,
     StatusMessage,
 )
 from protocols.description import TimeDescription
@@ -308,7 +309,7 @@ _TEST_STREAM = "the frames say that they come from no detector: an emulator is a
 HostedStatus = tuple[int, StatusMessage]
 """The host's UTC at which a STATUS was complete, and its message."""
 
-News = OwnAnswer | HostedStatus | Ack | Nak | LinkEvent
+News = OwnAnswer | HostedStatus | StarsMessage | Ack | Nak | LinkEvent
 """Everything that comes beside panoramas."""
 
 
@@ -466,7 +467,7 @@ class Reception:
             news.append(self._own_answer(message, at, host_utc_ns, mono_ns))
         elif isinstance(message, StatusMessage):
             news.append((bounded(at.completed_utc_ns), message))
-        elif isinstance(message, Ack | Nak):
+        elif isinstance(message, StarsMessage | Ack | Nak):
             news.append(message)
         return news, False
 

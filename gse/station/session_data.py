@@ -15,6 +15,7 @@ from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
 from gse.station.item_table import Housekeeping
 from gse.station.results import LinkCounters, Subject
+from gse.station.star_names import StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS
 from gse.values.power import PowerReading
@@ -29,8 +30,9 @@ class SessionData:
 
     ``frames`` are the panoramas with the answers of the identifier under test; a sensor that sends no panoramas is its
     own ``subject``, and the frames are its answers. ``sensor_attitudes`` are the sensor's own answers (ATTITUDE
-    frames), ``housekeeping`` the items that it sends; ``raw_sha256`` is the hash of all received bytes; ``catalog``
-    describes the mission catalogue in use; ``versions`` the packages that numbers depend on.
+    frames), ``star_names`` those of its lists of stars, ``housekeeping`` the items that it sends; ``raw_sha256`` is the
+    hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
+    numbers depend on.
     ``events_not_kept`` are those of a flood, which are only counted.
     ``others_lost`` of the lost frames of the link were certainly no panoramas.
     A ``truncated`` session lost its end; a ``growing`` one is still being recorded. ``stars`` are those of the mission
@@ -55,6 +57,7 @@ class SessionData:
     statuses: list[tuple[int, StatusMessage]] = field(default_factory=list)
     housekeeping: Housekeeping = field(default_factory=lambda: Housekeeping({}))
     sensor_attitudes: AttitudeTable = field(default_factory=AttitudeTable)
+    star_names: StarNames = field(default_factory=StarNames)
     raw_sha256: str = ""
     catalog: dict[str, object] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)

@@ -13,6 +13,7 @@ from gse.station.frame_table import thinned, xy_px_of
 from gse.station.own_answers import SensorAnswers, sensor_answers
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
+from gse.station.star_names import NamedStars, named_stars
 from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.counted_frames import CountedFrames, counted_frames, own_counted
 from gse.statistics.incidents import AnswersWithin, Incident, answers_within, incidents
@@ -60,6 +61,7 @@ class Statistics:
     convention: ConventionSearch | None = None
     power: PowerUse = field(default_factory=PowerUse)
     rates: tuple[RateError, ...] = ()
+    names: NamedStars | None = None
 
     @property
     def counts_any(self) -> bool:
@@ -122,6 +124,7 @@ def statistics(session: SessionData) -> Statistics:
         convention=convention,
         power=_power_use(session),
         rates=rate_errors(session),
+        names=named_stars(session.star_names.rows, session.stars),
     )
 
 

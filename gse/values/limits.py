@@ -42,7 +42,8 @@ class Limits:
     ``x_arcsec`` and ``y_arcsec`` are along the sensor's own columns and rows, ``about_arcsec`` is about its boresight,
     each for the share ``confidence`` of the frames. ``slew_deg_per_s`` is the rate of turn that the sensor must bear;
     frames of a faster scene count for nothing else. These, ``output_rate_hz`` (at least), ``first_fix_s``, the
-    currents of the supply, and bias and noise of the rates that the sensor states are None where nothing is asked.
+    currents of the supply, bias and noise of the rates that the sensor states, and the share of its lists of stars with
+    a wrong name are None where nothing is asked.
     ``items`` are low and high end, one of which may be None, of
     items of the sensor's housekeeping: all values of a session must lie between them.
     """
@@ -60,6 +61,7 @@ class Limits:
     slew_deg_per_s: Annotated[float, Interval(gt=0, le=10)] | None = None
     mean_current_a: Annotated[float, Interval(gt=0, le=1000)] | None = None
     inrush_current_a: Annotated[float, Interval(gt=0, le=1000)] | None = None
+    wrong_names_share: Annotated[float, Interval(gt=0, lt=1)] | None = None
     rate_bias_arcsec_per_s: Annotated[float, Interval(gt=0, le=36_000)] | None = None
     rate_noise_arcsec_per_s: Annotated[float, Interval(gt=0, le=36_000)] | None = None
     identification_ms: Annotated[float, Interval(gt=0, le=3_600_000)] = 200.0

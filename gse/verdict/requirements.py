@@ -30,6 +30,7 @@ from gse.statistics.decision import (
     how_long,
     judge_figure,
     judge_share,
+    share_of,
     share_times,
 )
 from gse.statistics.rates import RateError
@@ -307,6 +308,17 @@ class ByRate(_OfSession):
         return figure_times(row)
 
 
+@dataclass(frozen=True, slots=True)
+class ByNames(_OfSession):
+    """The share of the sensor's lists of stars in which a name is wrong."""
+
+    def row(self, asked: Criterion, case: Case) -> Row:
+        """The row, the same below each subject."""
+        names = case.statistics.names
+        share = share_of(names.wrong_lists, names.known_lists) if names else share_of(0, 0)
+        return judge_share(asked, share, at_least=False)
+
+
 def _bias(rate: RateError) -> tuple[float, Bounds]:
     bias, of = rate.bias_arcsec_per_s, rate.bias_bounds_arcsec_per_s
     return abs(bias), Bounds(lower=max(abs(bias) - (bias - of.lower), 0.0), upper=abs(bias) + (of.upper - bias))
@@ -408,7 +420,7 @@ class Requirement:
     limit: str
     unit: str = ""
     claim: Claim
-    decided: "ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps | ByCurrent | ByRate | ByItem"
+    decided: "ByBounds | ByShare | BySlowShare | ByValue | BySlewSteps | ByCurrent | ByRate | ByNames | ByItem"
     says: str
     applies: Callable[[SubjectStatistics], bool] = lambda _: True
     core: bool = False
@@ -664,6 +676,16 @@ REQUIREMENTS = (
         claim=Claim.ACCURACY,
         decided=ByRate(_noise),
         says="standard deviation of the rate that the sensor states about an axis: the largest of all",
+    ),
+    Requirement(
+        name="wrong star names",
+        limit="wrong_names_share",
+        claim=Claim.FALSEHOOD,
+        decided=ByNames(),
+        says="the frames whose STARS message gives an object the name of another star than its panorama shows",
+        only_asked=True,
+        plan=not_planned,
+        compared=not_compared,
     ),
 )
 

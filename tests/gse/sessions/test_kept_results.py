@@ -90,6 +90,8 @@ def test_every_field_of_a_session_comes_back(session, folder: Path) -> None:
         elif field.name == "housekeeping":
             assert (found.items, found.summaries, found.stride) == (was.items, was.summaries, was.stride)
             assert found.rows.rows().tobytes() == was.rows.rows().tobytes()
+        elif field.name == "star_names":
+            assert found.rows.tobytes() == was.rows.tobytes()
         elif field.name == "stars":
             rows = session.frames.matches["star"]
             np.testing.assert_array_equal(found.ids[rows], was.ids[rows])

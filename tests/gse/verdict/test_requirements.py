@@ -12,12 +12,14 @@ import pytest
 from skies.known_nights import STATION, session
 
 from drivers.chunk import LinkEvent
+from gse.catalog.stars import ListedStars
 from gse.report.files import junit_xml
 from gse.report.summary import summarise
 from gse.sessions.forecast import forecast_text
 from gse.station.events import StationKind
 from gse.station.item_table import ITEM, Housekeeping
 from gse.station.results import Subject, Verdict
+from gse.station.star_names import STAR_NAME, StarNames
 from gse.statistics.decision import Outcome
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
@@ -43,6 +45,7 @@ LIMITS = replace(
     inrush_current_a=1.0,
     rate_bias_arcsec_per_s=20.0,
     rate_noise_arcsec_per_s=5.0,
+    wrong_names_share=0.05,
 )
 """With a limit for every row."""
 LIMITED = STATION.model_copy(update={"limits": LIMITS})
@@ -58,6 +61,10 @@ def judged():
     rates = np.zeros(2000, ITEM)
     rates["value"] = np.random.default_rng(1).normal(0, 1, len(rates))
     made.housekeeping.extend(rates)
+    names = np.zeros(200, STAR_NAME)
+    names["list"], names["number"] = np.arange(200), 7
+    made.stars = ListedStars("Gaia DR3", np.array([7]), np.zeros(1))
+    made.star_names = StarNames(names)
     return made, judge(made)
 
 
@@ -195,7 +202,7 @@ def test_rows_that_only_some_sensors_are_specified_by_leave_no_trace_without_a_l
     report = summarise(made, judge(made))
     text = json.dumps([report["measurements"], report["not_tested"]])
     assert [one.name for one in OPTIONAL if one.name in text] == []
-    assert len(OPTIONAL) == 10
+    assert len(OPTIONAL) == 11
 
 
 def test_a_limit_along_one_axis_of_the_sensor_asks_for_that_row_alone():
