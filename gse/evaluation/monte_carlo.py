@@ -5,7 +5,7 @@ any other answer. None: no answer. Rates are those of the frames with at least 4
 others is counted beside them.
 
 With noise on angles (pivot paper, section 4) there are no directions: right is the first star named right, any other
-answer is false, and the frames with at least 3 real stars count.
+answer is false, and the frames with at least 3 real stars count. The stars that step 2 names are counted one by one.
 """
 
 import math
@@ -33,6 +33,7 @@ from gse.external.identifier import ExternalIdentifier, evaluated, in_time
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
+from gse.identifier.pivot_search import PIVOT_MEMBERS
 from gse.values.attitude import solve_attitude
 from gse.values.constants import ARCSEC_RAD
 from gse.values.limits import Limits
@@ -65,11 +66,6 @@ class Evaluator:
         self._plan = plan
         self._source = load_catalog(plan.catalog)
         self._ready: dict[int, tuple[FrameMaker, Identifier | ExternalIdentifier]] = {}
-        self._sky = self._source
-        if plan.angle_noise:
-            limit = plan.optics.magnitude_limit
-            self._sky = of_angles(self._source, limit if plan.sky_limit is None else plan.sky_limit)
-            self._source = of_angles(self._source, limit)
 
     def run(self, cell: int, frames: range, stop: Callable[[], bool] = lambda: False) -> list[FrameOutcome]:
         """The outcomes of some frames of a cell, up to the first before which ``stop`` is true."""
@@ -86,9 +82,10 @@ class Evaluator:
     def _prepared(self, cell: Cell) -> tuple[FrameMaker, Identifier | ExternalIdentifier]:
         plan, conditions = self._plan, cell.conditions
         if plan.angle_noise:
-            mission = brightest_per_field(self._source, 2 * plan.optics.radius_rad())
+            known, sky = (of_angles(self._source, limit) for limit in (plan.optics.magnitude_limit, cell.sky_limit))
+            mission = brightest_per_field(known, 2 * plan.optics.radius_rad())
             exact = Conditions(conditions.name, 0.0, conditions.magnitude, whole_pixels=False, merge_px=0.0)
-            return FrameMaker(plan.optics, exact, self._sky), _for_angles(cell, plan.optics, mission)
+            return FrameMaker(plan.optics, exact, sky), _for_angles(cell, plan.optics, mission)
         return FrameMaker(plan.optics, conditions, self._source), _for_field(cell, plan.optics, self._source)
 
     def _outcome(self, cell: int, frame: int, direction: NDArray[np.float64]) -> FrameOutcome:
@@ -104,14 +101,16 @@ class Evaluator:
         started_ns = time.thread_time_ns()
         answer = identify()
         cpu_us = (time.thread_time_ns() - started_ns) / 1000
+        step_2 = (0, 0)
         if isinstance(answer, Unidentified):
             kind = "none"
         elif isinstance(answer, Identification):
             kind = graded(answer, identifier.catalog, seen)
         else:
-            first_right = identifier.catalog.ids[answer[1][0]] == seen.star_ids[answer[0][0]]
-            kind = "right" if first_right else "false"
-        return FrameOutcome(cell, frame, kind, seen.real_stars, cpu_us)
+            is_right = identifier.catalog.ids[answer[1]] == seen.star_ids[answer[0]]
+            later = is_right[min(PIVOT_MEMBERS, len(seen.brightness) - int(answer[0][0])) :]
+            kind, step_2 = "right" if is_right[0] else "false", (len(later), int(later.sum()))
+        return FrameOutcome(cell, frame, kind, seen.real_stars, cpu_us, step_2=step_2)
 
 
 def of_angles(source: StarCatalog, magnitude_limit: float) -> StarCatalog:

@@ -60,6 +60,7 @@ class PaperSky:
             "fields_eq_1": round(fields, 1),
             "magnitude": round(magnitude, 2),
             "stars_eq_2": round(stars_to(magnitude), 1),
+            "stars_eq_2_to_4_5": round(stars_to(4.5), 1),
             "stars": len(bright),
             "fields_with_one": round(float((nearest >= math.cos(self.field_rad / 2)).mean()), 4),
         }

@@ -58,6 +58,8 @@ class Cell:
 
     identifier: IdentifierOptions
     conditions: Conditions
+    sky_limit: float = math.inf
+    """Magnitude at which the sky ends, where errors are of angles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,6 @@ class Plan:
     seed: int
     catalog: str
     angle_noise: bool = False
-    sky_limit: float | None = None
-    """Where the sky of ``angle_noise`` ends, in magnitudes; None: where the catalogue of the identifier does."""
 
     @property
     def fewest_stars(self) -> int:
@@ -81,7 +81,10 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class FrameOutcome:
-    """Outcome of one frame of one cell; ``failure`` is how an external identifier failed, None where it did not."""
+    """Outcome of one frame of one cell; ``failure`` is how an external identifier failed, None where it did not.
+
+    ``step_2`` is how many stars the second step of the pivot paper named, and how many of these are right.
+    """
 
     cell: int
     frame: int
@@ -89,6 +92,7 @@ class FrameOutcome:
     real_stars: int
     cpu_us: float
     failure: Failure | None = None
+    step_2: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +126,9 @@ PRESETS = {
         angle_noise=True,
         note="the paper's: 8 deg circular field, V = 6.0, 5 stars of each field, K = 4, noise on each angle between "
         "stars, 0.1 mag; ours, because it states none: tolerance 3 sigma, right = first star named right, stars within "
-        "60 arcsec are one, without --catalog BSC5 Gaia to 5.7 mag, a gate of 1 mag for match-group; its sky ends "
-        "where the catalogue does, so that magnitude noise lets no fainter star appear: with --sky-to 7.5 it goes on, "
-        "as a real one does",
+        "60 arcsec are one, without --catalog BSC5 Gaia to 5.7 mag, a gate of 1 mag for match-group; the paper's "
+        "shares are those of a sky that ends where the catalogue does, while from one that goes on, as a real one "
+        "does, magnitude noise lets stars appear that the catalogue does not have",
     ),
     "lapan": Preset(
         Optics("14 x 14 deg", _square(14.0), 6.0),
@@ -136,6 +140,9 @@ PRESETS = {
     ),
 }
 
+SKY_LIMIT = 7.5
+"""Magnitude at which the second sky of the pivot paper's preset ends: noise of 0.5 mag lets no fainter star appear."""
+
 GAIA_LIMIT = 5.7
 """Gaia has as many stars to here as the Bright Star Catalogue of the pivot paper to V = 6.0."""
 
@@ -145,7 +152,7 @@ class Tally:
     """One cell's counts; ``excluded`` are those of frames with too few real stars. Times are CPU of all frames.
 
     ``failures`` are those of an external identifier by kind, in all frames, ``first_failure`` is the first in words;
-    each counts as none, too.
+    each counts as none, too. ``step_2`` is that of the outcomes, over the frames that count.
     """
 
     frames: int
@@ -154,6 +161,7 @@ class Tally:
     cpu_us: Percentiles
     failures: dict[str, int]
     first_failure: str | None
+    step_2: tuple[int, int]
 
     @property
     def total(self) -> int:
@@ -171,12 +179,16 @@ class OutcomeCounter:
         self._cpu_us = [CpuTimes() for _ in plan.cells]
         self._failures: list[dict[str, int]] = [{} for _ in plan.cells]
         self._first_failure: list[str | None] = [None for _ in plan.cells]
+        self._step_2 = [(0, 0) for _ in plan.cells]
 
     def add(self, done: Sequence[FrameOutcome]) -> int:
         """Count outcomes; returns how many they were."""
         for outcome in done:
-            counts = self._counted if outcome.real_stars >= self._fewest_stars else self._excluded
-            counts[outcome.cell][outcome.kind] += 1
+            is_counted = outcome.real_stars >= self._fewest_stars
+            (self._counted if is_counted else self._excluded)[outcome.cell][outcome.kind] += 1
+            if is_counted:
+                named, right = self._step_2[outcome.cell]
+                self._step_2[outcome.cell] = named + outcome.step_2[0], right + outcome.step_2[1]
             self._cpu_us[outcome.cell].add(outcome.cpu_us)
             if outcome.failure:
                 failures, kind = self._failures[outcome.cell], outcome.failure.kind.value
@@ -187,10 +199,10 @@ class OutcomeCounter:
     def tallies(self) -> list[Tally]:
         """The counts of every cell so far."""
         counts = zip(self._counted, self._excluded, self._cpu_us, strict=True)
-        failures = zip(self._failures, self._first_failure, strict=True)
+        others = zip(self._failures, self._first_failure, self._step_2, strict=True)
         return [
-            Tally(us.frames, dict(counted), dict(excluded), us.percentiles(), dict(kinds), first)
-            for (counted, excluded, us), (kinds, first) in zip(counts, failures, strict=True)
+            Tally(us.frames, dict(counted), dict(excluded), us.percentiles(), dict(kinds), first, step_2)
+            for (counted, excluded, us), (kinds, first, step_2) in zip(counts, others, strict=True)
         ]
 
 
@@ -232,7 +244,6 @@ def report(plan: Plan, rows: Sequence[Tally], *, interrupted: bool) -> dict[str,
         "frames": plan.frames,
         "seed": plan.seed,
         "angle_noise": plan.angle_noise,
-        "sky_limit": plan.sky_limit,
         "fewest_stars": plan.fewest_stars,
         "confidence": CONFIDENCE,
         "interrupted": interrupted,
@@ -256,9 +267,11 @@ def _cell(plan: Plan, k: int, row: Tally) -> dict[str, Any]:
         "false_objects": conditions.false_objects,
         "missing_share": conditions.missing_share,
         "whole_pixels": conditions.whole_pixels,
+        "sky_limit": cell.sky_limit if plan.angle_noise else None,
         "frames_done": row.frames,
         "frames_counted": total,
         "rates": rates,
+        "step_2": {"named": row.step_2[0], "right": row.step_2[1]} if plan.angle_noise else None,
         "excluded": row.excluded,
         "failures": dict(sorted(row.failures.items())),
         "first_failure": row.first_failure,

@@ -81,6 +81,8 @@ def _lines(document: dict[str, Any], key: str, other: tuple[str, str]) -> dict[s
     for cell in document["cells"]:
         if cell["frames_counted"]:
             name = f"{cell['identifier']}, {suffix.format(cell[fixed])}"
+            if cell["sky_limit"] is not None:
+                name = f"{name}, sky to {cell['sky_limit']:g}"
             false_objects = cell["false_objects"]
             lines.setdefault(f"{name}, {false_objects} false" if false_objects else name, []).append(cell)
     for cells in lines.values():

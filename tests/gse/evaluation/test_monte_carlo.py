@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -33,10 +34,12 @@ def test_a_seed_gives_the_same_on_any_number_of_workers(gse):
 def test_every_frame_is_counted_once(gse):
     document = evaluated(gse, "--preset", "pivot-paper", "--frames", 12, "--seed", 3)
     assert document["schema"] == "gse.evaluation/1"
-    assert [(cell["identifier"], cell["noise_arcsec"], cell["magnitude_noise"]) for cell in document["cells"]] == [
-        (name, *noise)
+    keys = ("identifier", "noise_arcsec", "magnitude_noise", "sky_limit")
+    assert [tuple(cell[key] for key in keys) for cell in document["cells"]] == [
+        (name, *noise, sky)
         for name in ("pivot", "match-group")
         for noise in (*((arcsec, 0.1) for arcsec in (10, 20, 30, 40, 50)), *((10, mag) for mag in (0.2, 0.3, 0.4, 0.5)))
+        for sky in (5.7, 7.5)
     ]
     for cell in document["cells"]:
         counted = sum(rate["count"] for rate in cell["rates"].values())
@@ -51,11 +54,30 @@ def test_stars_beyond_the_catalogue_that_noise_lets_appear_are_stars_that_pivot_
     """With hardly any magnitude noise none appears; with 0.5 mag one frame in five is lost to them."""
     options = ("--preset", "pivot-paper", "--identifier", "pivot", "--frames", 150, "--noise-arcsec", 10)
     for noise, least, most in ((0.0, -0.02, 0.02), (0.5, 0.1, 0.5)):
-        ends, goes_on = (
-            evaluated(gse, *options, "--magnitude-noise", noise, *more)["cells"][0]["rates"]["right"]["share"]
-            for more in ((), ("--sky-to", 7.5))
-        )
+        cells = evaluated(gse, *options, "--magnitude-noise", noise)["cells"]
+        ends, goes_on = (cell["rates"]["right"]["share"] for cell in cells)
         assert least <= ends - goes_on <= most
+
+
+def test_the_table_of_the_pivot_paper_has_a_column_and_a_line_of_each_figure_for_each_sky(gse, tmp_path):
+    options = ("--preset", "pivot-paper", "--frames", 20, "--identifier", "pivot", "--noise-arcsec", 10)
+    noise = ("--magnitude-noise", 0.1, "--magnitude-noise", 0.5)
+    done = gse("evaluate", *options, *noise, "--sky-to", 8, "--figures", tmp_path / "figures")
+    assert done.code == 0, done.err
+    assert max(len(line) for line in done.out.splitlines()) <= 80
+    assert re.search(r"^ +sky to 5.7 mag +sky to 8 mag$", done.out, re.MULTILINE)
+    assert "eq 1: 821 fields; eq 2: 871 stars to magnitude 4.5" in done.out  # the paper's numbers
+    figure = (tmp_path / "figures" / "success-magnitude.svg").read_text(encoding="utf-8")
+    assert all(f"<!-- pivot, 10 arcsec, sky to {limit} -->" in figure for limit in ("5.7", "8"))
+
+
+def test_the_stars_that_step_2_names_are_scored_one_by_one(gse):
+    """At 5 arcmin of noise some distances fit stars that are not the right ones."""
+    options = ("--preset", "pivot-paper", "--frames", 60, "--identifier", "pivot", "--magnitude-noise", 0.1)
+    right, poor = (evaluated(gse, *options, "--noise-arcsec", noise)["cells"][0]["step_2"] for noise in (10, 300))
+    assert right["named"] > 50
+    assert right["right"] == right["named"]
+    assert poor["right"] < poor["named"]
 
 
 def test_the_table_shows_what_went_wrong_beside_what_went_right(gse, tmp_path):
