@@ -42,7 +42,7 @@ class CameraWatch:
         self._latest: Panorama | None = None
         self._after_s = _FIRST_AFTER_S
         self._seen = self._answered = 0
-        self._is_over = False
+        self._is_over = self._first_is_searched = False
 
     def look(self, results: Sequence[FrameResult]) -> list[tuple[int, Said]]:
         """What the stars say of the stated camera, each with the place of its result; mostly nothing."""
@@ -71,8 +71,9 @@ class CameraWatch:
         """The same at the end of the session, where the latest panoramas were not searched yet."""
         if self._is_over or self._first is None or self._latest is None:
             return None
-        panoramas = (self._first,) if self._latest is self._first else (self._first, self._latest)
-        self._latest = None
+        is_alone = self._first_is_searched or self._latest is self._first
+        panoramas = (self._latest,) if is_alone else (self._first, self._latest)
+        self._latest, self._first_is_searched = None, True
         found = find_camera(panoramas, self._camera, mission_catalog(self._catalog, self._camera, "auto"))
         self._is_over = found is not None
         if found is None or _fits(self._camera, found.camera) or not self._answers(panoramas, found.camera):
