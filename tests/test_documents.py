@@ -9,6 +9,7 @@ from typing import Any, get_args, get_type_hints
 
 import click
 import pytest
+from devices.command_line import Gse
 from pydantic import BaseModel
 
 from drivers.chunk import LinkKind
@@ -173,6 +174,24 @@ def test_the_page_of_the_station_file_has_each_key() -> None:
         and not ((len(key) > 2 or key[-1] in PLUG_KEYS) and re.search(rf"\b{key[-1]}\b", "".join([page, *linked])))
     ]
     assert missing == []
+
+
+STATEMENTS = re.findall(r"^\| ([SN]\d+) \|.*\| ([^|]+) \|$", (ROOT / "docs" / "formulas.md").read_text("utf-8"), re.M)
+PRINTED = [each for _, by in STATEMENTS for each in re.findall(r'`gse ([^`]+)` prints "([^"]+)"', by)]
+
+
+def test_each_statement_of_the_papers_is_shown_by_a_command_or_a_test_that_there_is() -> None:
+    code = "".join(path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
+    known = {*re.findall(r"def (test_\w+)", code), "papers.py", "gse catalog info", *(f"gse {k}" for k, _ in PRINTED)}
+    assert [row for row, _ in STATEMENTS] == [*(f"S{k}" for k in range(1, 39)), *(f"N{k}" for k in range(1, 33))]
+    named = {row: set(re.findall(r"`([^`]+)`", by)) for row, by in STATEMENTS}
+    assert [row for row, names in named.items() if not names or names - known] == []
+
+
+@pytest.mark.parametrize("command", sorted({command for command, _ in PRINTED}))
+def test_a_command_that_shows_a_statement_prints_it(command: str, gse: Gse) -> None:
+    out = " ".join(gse(*shlex.split(command)).out.split())
+    assert [words for one, words in PRINTED if one == command and words not in out] == []
 
 
 def test_the_readme_is_read_in_minutes() -> None:

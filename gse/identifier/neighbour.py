@@ -12,7 +12,7 @@ sooner, and differs only where several catalogue stars reach Fn and Fn2.
 Measured (14 x 14 deg, 1024 px, whole pixels, 10 arcsec, 30 objects of which some are false): Fn = Fn2 = 6 names the
 right stars in 99.9 % and false ones in none of 10,000 panoramas with 0 or 3 false objects. Fn = Fn2 = 3 names false
 ones in 8 and 18 % with 3 and 8 false objects, and in a quarter of panoramas without a star; from 4 on, in none of 1000.
-With ``alpha_retries`` 0 a brightest object that is not a star ends the search: 3 false objects then leave 57 % right.
+With ``alpha_retries`` 0 a brightest object that is not a star ends the search: 3 false objects then leave 60 % right.
 
 Distances cannot tell a panorama from its mirror image, so an answer must also be solvable as an attitude. A flight unit
 has no such check: with ``check: none`` its false answers are seen.
