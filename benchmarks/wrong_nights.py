@@ -357,6 +357,11 @@ def set_attribute(name: str, value: Callable[[Frame], object]) -> Meddle:
     return each(lambda one: setattr(one, name, value(one)))
 
 
+def of_size(columns: int, rows: int) -> dict[str, object]:
+    """The keys of a station file that states so large a detector."""
+    return {"columns": columns, "rows": rows, "principal_point_px": [(columns - 1) / 2, (rows - 1) / 2]}
+
+
 OWN_FALSE = r"reason:^sensor (false answers|d(RA|DE))"
 SET_UP = (OPEN,)
 DAWN = "2026-03-20T21:50:00"
@@ -419,6 +424,12 @@ NIGHTS = (
     Night("mirrored", SET_UP, "mirrored", {"mirrored": "true"}),
     Night("focal length +0.3 %", SET_UP, "focal length", {"focal_length_px": FOCAL_PX * 1.003}),
     Night("focal length +3 %", SET_UP, "focal length", {"focal_length_px": FOCAL_PX * 1.03}),
+    Night("rows and columns twice too many", SET_UP, "detector size", of_size(2048, 2048)),
+    Night("rows and columns half", SET_UP, "detector size", of_size(512, 512)),
+    Night("a quarter of the columns too few", SET_UP, "detector size", of_size(768, 1024)),
+    Night("a quarter of the columns too many", SET_UP, "detector size|mount", of_size(1280, 1024)),
+    Night("binned by 2, and not so stated", SET_UP, "detector size", {**of_size(2048, 2048),
+          "focal_length_px": 2 * FOCAL_PX}),
     Night("pixels 0.4 % wider along rows", (PASS, OPEN), "pixel pitch", meddle=wide(0.004)),
     Night("pixels counted from 1", SET_UP, "pixel origin|principal point",
           meddle=each(lambda one: setattr(one, "xy_px", one.xy_px + 1.3333))),

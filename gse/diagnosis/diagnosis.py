@@ -261,7 +261,8 @@ def _of_sensor(session: SessionData, named: tuple[Finding, ...], *, is_gross: bo
 
 def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator[Finding]:
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
-    hidden = () if named & set(STARS_FALL_OUT) else tuple(hidden_field(session))
+    is_other_size = any(event.kind == StationKind.WRONG_DETECTOR for event in session.events)
+    hidden = () if is_other_size or named & set(STARS_FALL_OUT) else tuple(hidden_field(session))
     yield from hidden
     yield from event_findings(session, named)
     yield from () if hidden else nothing_identified(session)

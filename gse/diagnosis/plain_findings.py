@@ -224,6 +224,7 @@ def _fades(transparency: NDArray[np.float32]) -> bool:
 _FEWEST_DRIFTING = 10
 _ENOUGH = 2
 """Times the stars that an answer needs: a catalogue that holds so many of the field is not short of stars."""
+_ENTER_CAMERA = "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it"
 _EQUALS_OF_EVENT: dict[str, tuple[str, ...]] = {
     StationKind.WRONG_CAMERA: ("distortion of the lens",),
     StationKind.MIRRORED: ("x and y exchanged (in the protocol description, or by the sensor)",),
@@ -244,6 +245,7 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
             size = f"the host's UTC clock ran away from its monotonic one by {away_s:+.3f} s, a little with each frame"
             yield Finding("clock drift", size, (), "see whether the clock is synchronised: gse preflight")
     known = (
+        (StationKind.WRONG_DETECTOR, "detector size", _ENTER_CAMERA),
         (StationKind.CLOCK_STEP, "clock step", "synchronise the clock before the session: gse preflight"),
         (
             StationKind.MIRRORED,
@@ -253,7 +255,7 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
         (
             StationKind.WRONG_CAMERA,
             "focal length",
-            "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it",
+            _ENTER_CAMERA,
         ),
         (
             LinkKind.NOT_RUN,
@@ -297,7 +299,7 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
     kinds = {event.kind for event in session.events}
     is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
-    if is_day or kinds & {StationKind.WRONG_CAMERA, StationKind.MIRRORED}:
+    if is_day or kinds & {StationKind.WRONG_CAMERA, StationKind.MIRRORED, StationKind.WRONG_DETECTOR}:
         return
     identified = bool((status == STATUSES.index(Status.IDENTIFIED)).any())
     failed = int((status == STATUSES.index(Status.IDENTIFIER_FAULT)).sum())

@@ -53,7 +53,11 @@ from gse.values.mount import Mount, MountUncertainty
 from gse.values.site import Site, SiteUncertainty
 from gse.values.star_influence import FrameFits
 
-_OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
+_OF_CAMERA = {
+    "detector size": StationKind.WRONG_DETECTOR,
+    "mirrored image": StationKind.MIRRORED,
+    "focal length": StationKind.WRONG_CAMERA,
+}
 _NO_STATION = "station file"
 _NOTHING = "nothing identified"
 OF_PLACE = ("mount", "clock offset", "site", "refraction", *CLOCK_SCALES)
@@ -342,10 +346,12 @@ def place_mistake(
     somebody vouches: both cannot be.
     """
     turning = *OF_PLACE, "pixel origin", "principal point"
-    named = next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
+    named = next((finding for finding in found if finding.cause == "detector size"), None)
+    named = named or next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
     named = named or next((finding for finding in found if finding.cause in _CHANGES), None)
     gross = gross_cause_of(session, counted) if named and named.is_gross else None
-    is_exact = named is not None and (named.cause in CLOCK_SCALES or (gross is not None and gross.is_exact))
+    is_exact = named is not None and named.cause in ("detector size", *CLOCK_SCALES)
+    is_exact = is_exact or (gross is not None and gross.is_exact)
     if not shared.is_free and not is_exact:
         return ()
     both = "" if shared.is_free else ", and both cannot be"

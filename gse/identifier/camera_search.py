@@ -38,10 +38,11 @@ _FITS = 2
 
 @dataclass(frozen=True, slots=True)
 class FoundCamera:
-    """A camera, and how many of the panoramas it identifies."""
+    """A camera, how many of the panoramas it identifies, and how many of their objects."""
 
     camera: Camera
     identified: int
+    stars: int
 
 
 def find_camera(
@@ -54,7 +55,7 @@ def find_camera(
             for _ in range(_FITS):
                 hit = _refocused(panoramas, hit, identifier)
             if answers := _answers(panoramas, hit, identifier, _SURE):
-                return FoundCamera(hit, len(answers))
+                return FoundCamera(hit, len(answers), sum(len(answer.stars) for _, answer in answers))
     return None
 
 

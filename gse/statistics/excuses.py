@@ -378,14 +378,14 @@ class Mistake:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What an excuse is looked for in: the session, the availability of each subject, and a mistake of the set-up.
+    """What an excuse is looked for in: the session, the availability of each subject, and mistakes of the set-up.
 
     ``kept`` are the rows, by subject and name, that do not fail once the turn of a mistake of place is taken out.
     """
 
     session: SessionData
     available: Mapping[Subject, Share]
-    mistake: Mistake | None = None
+    mistakes: tuple[Mistake, ...] = ()
     kept: frozenset[tuple[Subject, str]] = frozenset()
 
 
@@ -456,8 +456,8 @@ def _touched(session: SessionData) -> Iterable[Exclusion]:
 
 def _mistake_of(mistaken: Mistaken) -> Callable[[Evidence, Row], str]:
     def seen(evidence: Evidence, row: Row) -> str:
-        mistake = evidence.mistake
-        return f"by the set-up ({mistake.cause})" if mistake is not None and mistake.of is mistaken else ""
+        found = (f"by the set-up ({mistake.cause})" for mistake in evidence.mistakes if mistake.of is mistaken)
+        return next(found, "")
 
     return seen
 

@@ -199,17 +199,19 @@ def _judge(session: SessionData) -> Assessment:
     slew = slew_steps(session, relative=relative)
     rows = _rows(session, stats, budget, slew)
     found = _causes(session, stats)
-    mistake, kept = lost_station(session), frozenset[tuple[Subject, str]]()
-    if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
-        mistake = camera_mistake(session, stats.counted, found) or hidden_mistake(session, found)
-        if mistake is None:
-            mistake, kept, found = _turned(session, stats, budget, rows, found)
+    mistakes, kept = [lost_station(session)], frozenset[tuple[Subject, str]]()
+    if not any(mistakes) and Outcome.FAIL in {row.outcome for row in rows}:
+        mistakes = [camera_mistake(session, stats.counted, found)]
+        if not any(mistakes):
+            hidden = hidden_mistake(session, found)
+            place, kept, found = _turned(session, stats, budget, rows, found)
+            mistakes = [place, hidden]
+    made = tuple(mistake for mistake in mistakes if mistake)
     available = {subject: of.available for subject, of in stats.subjects.items()}
-    evidence = Evidence(session, available, mistake_of(mistake) if mistake else None, kept)
+    evidence = Evidence(session, available, tuple(map(mistake_of, made)), kept)
     rows = tuple(excused(row, requirement_of(row).claim, evidence) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
-    if mistake:
-        in_the_way = (f"set-up: {mistake}", *in_the_way)
+    in_the_way = (*(f"set-up: {mistake}" for mistake in made), *in_the_way)
     verdict = _verdict(rows, in_the_way)
     compared = None if any(finding.is_gross for finding in found) else stats.own
     found += sensor_findings(session, compared, stats.convention, stats.equivalence, named=found)
@@ -218,12 +220,12 @@ def _judge(session: SessionData) -> Assessment:
     # What decides comes first: screens with one line show the first reason.
     reasons = [row.reason for outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE) for row in rows if row.outcome is outcome]
     # A mistake of the set-up explains the figures that follow it.
-    explains = mistake and (verdict is not Verdict.FAIL or mistake.cause != "obstruction")
+    explains = made and (verdict is not Verdict.FAIL or made[0].cause != "obstruction")
     reasons = [*in_the_way[:1], *reasons, *in_the_way[1:]] if explains else [*reasons, *in_the_way]
     if verdict is not Verdict.PASS:
-        first = [str(finding) for finding in found if finding.is_gross and finding is not mistake]
-        others = [str(finding) for finding in found if finding != mistake]
-        reasons = [*(() if mistake else first), *reasons, *_complaints(session, budget), *others]
+        first = [str(finding) for finding in found if finding.is_gross]
+        others = [str(finding) for finding in found if finding not in made]
+        reasons = [*(() if made else first), *reasons, *_complaints(session, budget), *others]
     if relative:
         reasons.append(_relative_to(session))
     return Assessment(

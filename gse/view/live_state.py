@@ -100,7 +100,13 @@ _RATE_WINDOW = 50
 STATE_EVERY_NS = 10 * NS_PER_S
 """A batch of a replay may be longer than this time of its data: it is cut, so that a state is never far behind."""
 
-_CAUSES = (LinkKind.NO_FRAMES, StationKind.MIRRORED, StationKind.WRONG_CAMERA, StationKind.FINDING)
+_CAUSES = (
+    LinkKind.NO_FRAMES,
+    StationKind.MIRRORED,
+    StationKind.WRONG_CAMERA,
+    StationKind.WRONG_DETECTOR,
+    StationKind.FINDING,
+)
 """Events that say why a session is not as it should be."""
 
 _EVENTS_SHOWN = 8

@@ -44,6 +44,7 @@ def told(*events, frames=0, named=()):
         (StationKind.MIRRORED, "mirrored image",
          ("x and y exchanged (in the protocol description, or by the sensor)",), "gse calibrate SESSION"),
         (StationKind.WRONG_CAMERA, "focal length", ("distortion of the lens",), "gse calibrate fits it"),
+        (StationKind.WRONG_DETECTOR, "detector size", (), "gse report SESSION --station FILE"),
         (LinkKind.NOT_RUN, "station stopped", (), "stop no session"),
         (StationKind.NO_STATION, "station file", (), "gse report SESSION --station FILE"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers", (), "gse decode SESSION --explain"),
@@ -152,6 +153,7 @@ def test_more_than_half_of_the_panoramas_tell_what_the_identifier_does(counts, f
         ([StationKind.DARK_NIGHT], True),
         ([StationKind.WRONG_CAMERA], False),
         ([StationKind.MIRRORED], False),
+        ([StationKind.WRONG_DETECTOR], False),
     ],
 )
 def test_day_and_a_named_camera_explain_a_night_without_an_answer(kinds, is_told):

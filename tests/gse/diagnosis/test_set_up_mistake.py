@@ -36,6 +36,7 @@ def blind(*kinds):
     [
         ("mirrored image", ("MIRRORED",), True),
         ("focal length", ("WRONG_CAMERA",), True),
+        ("detector size", ("WRONG_DETECTOR",), True),
         ("focal length", ("MIRRORED",), False),  # found by the errors of a session, not by the camera watch
         ("mirrored image", (), False),
         ("clock offset", ("MIRRORED",), False),
@@ -97,7 +98,7 @@ def row(name, unit, outcome=Outcome.FAIL, subject=Subject.ONBOARD):
 def excused_by(cause, judged, is_kept=True):
     kept = frozenset({(judged.subject, judged.name)}) if is_kept else frozenset()
     available = {subject: share_of(0, 1) for subject in Subject}
-    evidence = Evidence(session(1), available, mistake_of(Finding(cause, "")), kept)
+    evidence = Evidence(session(1), available, (mistake_of(Finding(cause, "")),), kept)
     return excused(judged, requirement_of(judged).claim, evidence)
 
 
@@ -113,6 +114,7 @@ def excused_by(cause, judged, is_kept=True):
         ("nothing identified", row("availability", ""), True),
         ("nothing identified", row("availability", "", subject=Subject.SENSOR), False),
         ("mirrored image", row("availability", "", subject=Subject.SENSOR), False),
+        ("detector size", row("availability", ""), True),
         ("mirrored image", row("false answers", ""), True),
         ("focal length", row("mean |dDE|", "arcsec"), True),
         ("focal length", row("mean |dDE|", "arcsec", subject=Subject.SENSOR), False),
@@ -123,6 +125,15 @@ def test_a_row_is_excused_where_the_mistake_made_it_fail(cause, judged, is_excus
     found = excused_by(cause, judged)
     assert found.outcome is (Outcome.INCONCLUSIVE if is_excused else judged.outcome)
     assert found.reason == (f"it is too much: by the set-up ({cause})" if is_excused else "it is too much")
+
+
+def test_a_mistake_of_place_and_an_obstruction_excuse_each_their_rows():
+    turned, absent = row("mean |dDE|", "arcsec"), row("availability", "")
+    mistakes = tuple(mistake_of(Finding(cause, "")) for cause in ("mount", "obstruction"))
+    available = {subject: share_of(0, 1) for subject in Subject}
+    evidence = Evidence(session(1), available, mistakes, frozenset({(turned.subject, turned.name)}))
+    reasons = [excused(judged, requirement_of(judged).claim, evidence).reason for judged in (turned, absent)]
+    assert reasons == ["it is too much: by the set-up (mount)", "it is too much: by the set-up (obstruction)"]
 
 
 def partly_seen(identified, *, unmatched=13):

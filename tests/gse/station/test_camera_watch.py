@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from skies.one_by_one import Made
 
 from gse.catalog import load_catalog, mission_catalog
-from gse.station.camera_watch import CameraWatch, _in_words
+from gse.station.camera_watch import CameraWatch, _in_words, _side
 from gse.station.events import StationKind
 from gse.station.results import Status
 from gse.values.camera import Camera
@@ -118,6 +118,89 @@ def test_another_camera_is_not_named_where_the_identifier_does_not_answer_with_i
     watch = CameraWatch(STATED, catalog, IdentifierOptions(min_fit=29))  # more stars than there are objects
     assert watch.look([seen(stars_px, 0)]) == []
     assert watch.finish() is None
+
+
+# A detector of another size
+
+
+def of_size(columns, rows, principal_point_px=None, focal_length_px=TRUE.focal_length_px):
+    middle = ((columns - 1) / 2, (rows - 1) / 2)
+    return replace(
+        TRUE,
+        columns=columns,
+        rows=rows,
+        principal_point_px=principal_point_px or middle,
+        focal_length_px=focal_length_px,
+    )
+
+
+@pytest.mark.parametrize(
+    ("stated", "fits"),
+    [
+        (of_size(2048, 2048), "sensor.columns: 1024, sensor.rows: 1024, sensor.principal_point_px: [511.5, 511.5]"),
+        (of_size(2048, 2048, (511.5, 511.5)), "sensor.columns: 1024, sensor.rows: 1024"),
+        (of_size(1536, 1024), "sensor.columns: 1024, sensor.rows: 1024, sensor.principal_point_px: [511.5, 511.5]"),
+        (of_size(512, 512), "sensor.columns: 1024, sensor.rows: 1024, sensor.principal_point_px: [511.5, 511.5]"),
+        (
+            of_size(2048, 2048, focal_length_px=2 * TRUE.focal_length_px),  # binned, and stated as it is not
+            "sensor.columns: 1024, sensor.rows: 1024, sensor.principal_point_px: [511.5, 511.5], "
+            "sensor.focal_length_px: 4300.0",
+        ),
+    ],
+)
+def test_a_detector_of_another_size_is_named_with_what_fits(catalog, stars_px, stated, fits):
+    watch = CameraWatch(stated, mission_catalog(load_catalog(), stated), NEIGHBOUR)
+    assert watch.look([seen(stars_px, 0)]) == []
+    kind, text = watch.finish()
+    x, y = stars_px.max(axis=0)
+    where = f"objects lie at x up to {x:.0f} and y up to {y:.0f} px, and the station file states {stated.columns}"
+    assert kind is StationKind.WRONG_DETECTOR
+    assert text.startswith(where)
+    assert text.split("the stars fit ")[1].startswith(fits)
+
+
+def test_what_hides_a_part_of_the_field_makes_no_smaller_detector(catalog):
+    wide = mission_catalog(load_catalog(), replace(TRUE, focal_length_px=8600.0))
+    xy = TRUE.pixels(wide.icrs @ Rotation.random(random_state=3).as_matrix().T)
+    xy = xy[TRUE.contains(xy) & (xy[:, 0] < 400)][:28]
+    watch = CameraWatch(TRUE, catalog, NEIGHBOUR)
+    watch.look([seen(xy, 0)])
+    assert len(xy) > 12
+    assert watch.finish() is None
+
+
+@pytest.mark.parametrize(("beyond", "frames", "is_said"), [(2, 10, False), (3, 10, True), (3, 6, True), (3, 5, False)])
+def test_objects_beyond_the_detector_are_told_where_most_panoramas_have_three(stars_px, beyond, frames, is_said):
+    inside = stars_px[(stars_px < 767).all(axis=1)]
+    wide = np.concatenate([inside, np.column_stack([np.linspace(769, 900, beyond), np.full(beyond, 50.0)])])
+    watch = CameraWatch(of_size(768, 768), FEW_STARS, NEIGHBOUR)
+    results = [seen(wide if k < frames else inside, 0.1 * k, STATUS_OF[k >= 5]) for k in range(10)]
+    told = watch.look(results)
+    assert [(k, kind) for k, (kind, _) in told] == [(9, StationKind.WRONG_DETECTOR)] * is_said
+    assert all("sensor.columns may be 1024, and sensor.rows 768" in text for _, (_, text) in told)
+
+
+STATUS_OF = (Status.NO_MATCH, Status.IDENTIFIED)
+
+
+@pytest.mark.parametrize(
+    ("stated", "reach_px", "side"),
+    [
+        (1024, 1000.0, 1024),
+        (1024, 921.0, 1024),
+        (1200, 1015.0, 1024),
+        (1024, 1024.5, 1024),
+        (1024, 1024.6, 1088),
+        (2048, 1000.0, 1024),
+        (2048, 650.0, 682),
+        (1280, 1015.0, 1024),
+        (512, 1023.0, 1024),
+        (1000, 1023.0, 1024),
+        (768, 1000.0, 1024),
+    ],
+)
+def test_a_side_is_a_simple_share_of_the_stated_one_or_a_round_number(stated, reach_px, side):
+    assert _side(stated, reach_px) == side
 
 
 # Of few objects and few stars, which fit no camera

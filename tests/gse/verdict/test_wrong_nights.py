@@ -97,6 +97,17 @@ def test_an_exact_hit_of_a_mistake_is_named_though_everything_is_vouched_for():
     assert "both cannot be" in judged.reasons[0]
 
 
+@pytest.mark.parametrize("vouched", [True, False])
+@pytest.mark.parametrize("size_px", [2048, 1200, 768])
+def test_a_detector_of_another_size_is_a_mistake_of_the_set_up(size_px, vouched):
+    judged = judge(session(replace(WORLD, size_px=size_px, vouched=vouched), WORLD, SHORT))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.reasons[0].startswith("set-up: detector size: objects lie at x up to ")
+    assert f"states {size_px} columns and {size_px} rows" in judged.reasons[0]
+    assert "1024" in judged.reasons[0]
+    assert judged.findings[0].cause == "detector size"
+
+
 def test_what_an_external_program_adds_itself_is_no_set_up():
     """It counts pixels from 1, so that its answers lie a pixel off the stars that it names."""
     made = session(WORLD, WORLD, SHORT)
