@@ -442,6 +442,8 @@ NIGHTS = (
           turn_arcsec=lambda s: (0.0, 72_000.0, 0.0) if round(s / 0.5) % 2 else (0.0, 0.0, 0.0)),
     Night("time tags in ms", SET_UP, "time tags",
           meddle=each(lambda one: setattr(one, "time_s", one.time_s / 1000))),
+    Night("the sensor's clock is set on by an hour", SET_UP, "sensor time tag",
+          meddle=each(lambda one: setattr(one, "time_s", one.time_s + 3600 * (one.time_s > 100)))),
     Night("two thirds of the field behind a wall", (OPEN, FAIL, PASS), "obstruction", hidden=wall(0.67)),
     Night("four fifths of the field behind a wall", (OPEN, FAIL), "obstruction", hidden=wall(0.8)),
     Night("a third of the field behind a wall", (PASS, OPEN), "obstruction", hidden=wall(0.35)),

@@ -13,6 +13,7 @@ from gse.diagnosis.misplaced_stars import FALLEN_OUT_SHARE
 from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, StationKind
+from gse.station.exclusions import leapt_clock
 from gse.station.frame_columns import Columns
 from gse.station.results import Status
 from gse.station.session_data import SessionData
@@ -92,9 +93,9 @@ _MAD, _OF_MEDIAN = 1.4826, 1.2533
 
 
 def time_tag_faults(frames: Columns, events: Sequence[LinkEvent]) -> tuple[str, ...]:
-    """A line for each kind of fault in frames (rows of FRAME, in order of arrival); nothing without host times."""
+    """A line for each kind of fault in frames (rows of FRAME, in order of arrival); leaps alone without host times."""
     if len(frames) < 3 or not (frames["host_utc_ns"] > 0).all():
-        return ()
+        return tuple(f"sensor time tag: {item.reason}" for item in leapt_clock(frames))
     return (*_stuck(frames), *_leaps(frames, events), *_rate(frames))
 
 

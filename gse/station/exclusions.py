@@ -17,6 +17,7 @@ from gse.errors import UsageError
 from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, first_rows
 from gse.station.events import ClockStep, StationKind
 from gse.station.frame_columns import Columns
+from gse.values.constants import EARTH_RATE_RAD_PER_S
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
 from gse.values.shown import ShownSky
 
@@ -95,7 +96,7 @@ def mount_touched(events: Iterable[LinkEvent]) -> Iterator[Exclusion]:
 def exclusions(events: Iterable[LinkEvent], frames: Columns) -> tuple[Exclusion, ...]:
     """Frames around each step of the clock, as either clock stamps them, and frames that waited in a buffer.
 
-    ``frames`` are rows of FRAME.
+    In a capture without the host's stamps: frames after a leap of the sensor's clock. ``frames`` are rows of FRAME.
     """
     steps = clock_steps(events)
     stretches = clock_stretches(frames["host_utc_ns"], steps)
@@ -103,7 +104,42 @@ def exclusions(events: Iterable[LinkEvent], frames: Columns) -> tuple[Exclusion,
         *(item for event in steps for item in _around_step(event)),
         *(_wrong_clock(frames, item) for item in stretches if item.is_wrong and item.until > item.first),
         *_late_starts(frames, first_rows(frames["host_utc_ns"], steps)),
+        *leapt_clock(frames),
     )
+
+
+_LEAST_LEAP_S, _LEAST_STEPS = 5.0, 10
+"""A leap of the sensor's clock is so long, and so many times the usual time between frames."""
+_STOOD, _TURNED = 0.2, 0.5
+"""Least and largest share of the turn of the ground by which a sky stood still, and turned."""
+
+
+def leapt_clock(frames: Columns) -> Iterator[Exclusion]:
+    """What follows a leap of the sensor's clock in a capture that has its times by it (rows of FRAME).
+
+    No exposure is missing, the stars are those of the frame before, and they go on from there: in a pause of the sensor
+    the sky turns, and after old pictures it catches up.
+    """
+    if len(frames) < 3 or (frames["host_utc_ns"] > 0).any():
+        return
+    steps_s = np.diff(frames["utc_ns"]) / NS_PER_S
+    ra, de = np.radians(frames["ra_deg"]), np.radians(frames["de_deg"])
+    east = np.abs(np.exp(1j * ra[1:]) - np.exp(1j * ra[:-1]))
+    turned = np.hypot(np.cos(de[1:]) * east, np.diff(de))
+    expected = np.cos(de[1:]) * np.abs(np.exp(1j * EARTH_RATE_RAD_PER_S * steps_s) - 1)
+    known = np.isfinite(turned)
+    if not known.any() or np.median(turned[known]) < _TURNED * np.median(expected[known]):
+        return
+    usual_s = float(np.median(steps_s))
+    long = steps_s > max(_LEAST_LEAP_S, _LEAST_STEPS * usual_s)
+    leaps = long & (np.diff(frames["frame_no"].astype(np.int64)) == 1) & (turned < _STOOD * expected)
+    for row in np.flatnonzero(leaps).tolist():
+        if (turned[row + 1 :] - expected[row + 1 :] > _TURNED * expected[row]).any():
+            continue
+        leap_s = float(steps_s[row]) - usual_s
+        reason = f"the sensor's clock leapt by {leap_s:+.1f} s, while the sky did not turn"
+        from_ns, until_ns = int(frames["utc_ns"][row + 1]), int(frames["utc_ns"].max()) + 1
+        yield Exclusion(from_ns, until_ns, reason, Cause.CLOCK_STEP, leap_s)
 
 
 def _wrong_clock(frames: Columns, stretch: ClockStretch) -> Exclusion:

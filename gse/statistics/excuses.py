@@ -515,7 +515,7 @@ _ABSENCE = (Claim.ABSENCE,)
 _ANY = (Claim.ACCURACY, Claim.ABSENCE)
 
 LEFT_OUT = (
-    LeftOut(Cause.CLOCK_STEP, _clock_and_link, _ACCURACY, "the host's clock was set, so that its time is not known"),
+    LeftOut(Cause.CLOCK_STEP, _clock_and_link, _ACCURACY, "the clock was set, so that its time is not known"),
     LeftOut(Cause.BACKLOG, _clock_and_link, _ACCURACY, "it waited in a buffer, so that its time is not known"),
     LeftOut(Cause.LINK, _link, _ABSENCE, "the port of this computer was gone"),
     LeftOut(Cause.NO_SKY, _without_sky, _ABSENCE, "daylight, or cloud that other frames show too"),

@@ -125,7 +125,7 @@ def _all_excluded(stats: Statistics) -> Iterator[str]:
 def _much_excluded(session: SessionData, stats: Statistics) -> Iterator[str]:
     frames_s = stats.duration_s / max(stats.frames - 1, 1)
     utc_ns = session.frames.columns["utc_ns"]
-    for cause, what in ((Cause.CLOCK_STEP, "steps of the host's clock"), (Cause.BACKLOG, "frames read late")):
+    for cause, what in ((Cause.CLOCK_STEP, "steps of the clock"), (Cause.BACKLOG, "frames read late")):
         count = stats.counted.frames_of(cause, utc_ns)
         if count > MOST_EXCLUDED_SHARE * stats.frames and count * frames_s > MOST_EXCLUDED_S:
             yield f"{count} of {stats.frames} frames are left out for {what}: too many to say anything of the session"

@@ -7,6 +7,7 @@ from skies.known_nights import session
 from gse.diagnosis.plain_findings import _off, often_stand_still, time_tag_faults, wrapped_tags
 from gse.station.columns import FRAME
 from gse.station.events import ClockStep, StationKind
+from gse.station.exclusions import leapt_clock
 from gse.values.instant import NS_PER_S, from_text
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -42,6 +43,55 @@ def test_without_host_times_nothing_is_told():
     assert len(faults(made)) == 1
     made["host_utc_ns"][7] = 0
     assert faults(made) == ()
+
+
+def capture(leap_s, at=100, *, pause_s=0.0, late=0, missing=0):
+    """Frames whose times are the sensor's own, with a leap of its clock before one of them, or a true pause.
+
+    ``late`` frames after it show the sky from before it; so many exposures are ``missing``.
+    """
+    made = frames(step_s=0.5)
+    after = np.arange(len(made)) >= at
+    sky_s = np.arange(len(made)) * 0.5 + pause_s * after
+    sky_s[at : at + late] = sky_s[at - 1]
+    made["utc_ns"][after] += round((leap_s + pause_s) * NS_PER_S)
+    made["frame_no"][after] += missing
+    made["ra_deg"], made["de_deg"] = (350 + sky_s * 360 / 86_164) % 360, -40.0
+    made["host_utc_ns"] = 0
+    return made
+
+
+@pytest.mark.parametrize("leap_s", [20.0, 3600.0, 36_000.0])
+def test_a_capture_shows_a_leap_of_the_sensors_clock_by_a_sky_that_stands_still(leap_s):
+    made = capture(leap_s)
+    (item,) = leapt_clock(made)
+    assert (item.from_ns, item.until_ns) == (made["utc_ns"][100], made["utc_ns"][-1] + 1)
+    assert item.time_error_s == pytest.approx(leap_s)
+    assert faults(made) == (
+        f"sensor time tag: the sensor's clock leapt by {leap_s:+.1f} s, while the sky did not turn",
+    )
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        capture(0.0),
+        capture(4.0),  # gse.diagnosis.fine_findings tells it
+        capture(0.0, pause_s=3600.0),
+        capture(0.0, pause_s=60.0, late=4),
+        capture(60.0, missing=120),
+    ],
+    ids=["nothing", "short", "pause", "old pictures after a pause", "exposures are missing"],
+)
+def test_a_pause_of_the_sensor_is_no_leap_of_its_clock(made):
+    assert list(leapt_clock(made)) == []
+
+
+@pytest.mark.parametrize("ra_deg", [350.0, np.nan])
+def test_without_a_sky_that_turns_nothing_tells_a_leap(ra_deg):
+    made = capture(60.0)
+    made["ra_deg"] = ra_deg
+    assert list(leapt_clock(made)) == []
 
 
 @pytest.mark.parametrize(("still", "is_told"), [(2, False), (3, True)])

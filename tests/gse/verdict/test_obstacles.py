@@ -96,7 +96,7 @@ def test_a_temperature_that_is_no_number_is_told_and_one_that_the_protocol_lacks
     ids=["a minute", "more than a minute", "one in fifty", "more than one in fifty"],
 )
 @pytest.mark.parametrize(
-    ("cause", "words"), [(Cause.CLOCK_STEP, "steps of the host's clock"), (Cause.BACKLOG, "frames read late")]
+    ("cause", "words"), [(Cause.CLOCK_STEP, "steps of the clock"), (Cause.BACKLOG, "frames read late")]
 )
 def test_more_than_a_minute_and_one_frame_in_fifty_left_out_for_clock_or_link_is_too_much(
     frames, left_out, is_told, cause, words
