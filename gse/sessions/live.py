@@ -53,6 +53,7 @@ from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
 from gse.station.notes import OF_SENSOR, Notes, event_of
+from gse.station.parameters import parameters_of
 from gse.station.polling import check_asking
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed, check_external, set_up
@@ -63,7 +64,7 @@ from gse.values import instant
 from gse.values.power import PowerReading
 from gse.values.shown import Shown
 from gse.view.live_state import LiveState
-from protocols import load_protocol
+from protocols import EncodeError, load_protocol
 
 # End of a live session by signals from a person, a terminal or the system.
 #
@@ -258,7 +259,8 @@ def run_live(
     status = StatusFile(folder, live, operator.notes)
     with recorder, link:
         operator.opened(folder, status)
-        most = _ITEMS_OF_A_STEP if procedure is not None and not link.is_live else ITEMS_AT_ONCE
+        sends = procedure is not None or station.test.parameters or station.test.parameters_sha256
+        most = _ITEMS_OF_A_STEP if sends and not link.is_live else ITEMS_AT_ONCE
         first = link.receive(FIRST_WITHIN_S, most)
         with operator.ending.interruptible():
             began_ns = first[0].utc_ns if first else link.utc_ns() or None
@@ -340,6 +342,10 @@ def _closing_words(recorder: Recorder) -> str:
     return f"closing {recorder.path}{waits}"
 
 
+_READ_BACK_TIMES, _READ_BACK_NS = 3, 5 * instant.NS_PER_S
+"""A sensor that did not answer in this time is asked again for its parameters, so often in all."""
+
+
 class _DerivedDataRecorder:
     """Records derived data beside the bytes: identification times, clock readings, Earth orientation."""
 
@@ -363,6 +369,7 @@ class _DerivedDataRecorder:
         self._clock_due_ns = 0
         self._orientation_kept: EarthOrientation | None = None
         self._identity_kept: dict[str, object] | None = None
+        self._read_back_left, self._read_back_due_ns = _READ_BACK_TIMES, 0
 
     def is_over(self) -> bool:
         """Whether a signal asked for the end, or the duration is over; a procedure ends with its cleanup."""
@@ -404,8 +411,22 @@ class _DerivedDataRecorder:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
             self.take_notes()
+            self._read_parameters_back()
         self._read_clock()
         self._tick_procedure()
+
+    def _read_parameters_back(self) -> None:
+        """Ask for the parameters that the station file states, until they come; a procedure does that by its steps."""
+        session, protocol, now_ns = self._loop.session, self._loop.setup.protocol, self._link.mono_ns()
+        test, command = session.station.test, protocol.description.parameters
+        if command is None or not (test.parameters or test.parameters_sha256) or self.procedure is not None:
+            return
+        if not session.link.frames or now_ns < self._read_back_due_ns or parameters_of(session.housekeeping):
+            return
+        if self._read_back_left and self._link.url.partition("://")[0] != "replay":
+            self._read_back_left, self._read_back_due_ns = self._read_back_left - 1, now_ns + _READ_BACK_NS
+            with contextlib.suppress(PortError, EncodeError):  # a command with arguments is the operator's
+                self._link.send(protocol.commands[command].encode())
 
     def take_notes(self) -> None:
         """Take what the page, ``gse note`` and ``gse sensor`` left."""
