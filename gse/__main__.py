@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import warnings
+from typing import Any
 
 _EXIT_USAGE, _EXIT_INTERRUPTED = 2, 130
 """Exit codes of gse.cli; importing them from there would take numpy and pydantic."""
@@ -18,7 +19,7 @@ so that its answer went out only after all that follows on it."""
 
 
 def main() -> None:
-    """Run the command line; Ctrl-C while its packages are still being imported ends it without a word."""
+    """Run the command line; Ctrl-C before it begins and after it has ended ends the program without a word."""
     if sys.version_info < _OLDEST_PYTHON:  # before anything of ours is imported that such a Python cannot read
         sys.stderr.write(f"gse: Python 3.11 or newer is needed; this is {sys.version.split()[0]}\n")
         sys.exit(_EXIT_USAGE)
@@ -30,9 +31,7 @@ def main() -> None:
     _leave_warnings_to_developers()
     atexit.register(_leave_garbage)
     terminal.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
-    before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:
-        signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))
+    before = _let_ctrl_c_end_at_once()
     try:
         from gse.cli import main as command_line
     except Exception as error:
@@ -42,7 +41,16 @@ def main() -> None:
     try:
         command_line()
     finally:
+        _let_ctrl_c_end_at_once()
         terminal.end_sign()
+
+
+def _let_ctrl_c_end_at_once() -> Any:
+    """While packages are imported, and while Python ends, Ctrl-C would show a traceback; what it did before."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))
+    return before
 
 
 def _share_one_allocator() -> None:

@@ -47,6 +47,20 @@ def test_ctrl_c_while_the_packages_are_imported_ends_without_a_traceback() -> No
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
+INTERRUPTED_AT_ITS_END = """
+import atexit, runpy, signal, sys
+
+atexit.register(signal.raise_signal, signal.SIGINT)
+sys.argv[1:] = ["--version"]
+runpy.run_module("gse", run_name="__main__")
+"""
+
+
+def test_ctrl_c_while_python_ends_shows_no_traceback() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED_AT_ITS_END], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 WARNED_AT_AN_IMPORT = """
 import runpy, sys, warnings
 
