@@ -61,9 +61,11 @@ from gse.station.item_table import ITEM, Housekeeping, ItemSummary
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, EarthOrientation
+from gse.values.power import PowerReading
 from gse.values.shown import Shown
 from gse.verdict.assessment import Assessment, judge
 from protocols import Item, StatusMessage, built_in_names
+from protocols.description import TimeDescription
 
 # Context of kept results: what a session holds besides the tables of frames and stars.
 
@@ -91,6 +93,8 @@ class KeptContext(BaseModel):
     clock_error_s: float | None
     external: dict[str, Any] | None
     external_counts: ExternalCounts
+    time: TimeDescription
+    power: list[PowerReading]
     shown: list[Shown] = []
     items: dict[str, Item] = {}
     item_summaries: dict[str, ItemSummary] = {}

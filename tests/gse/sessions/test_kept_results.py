@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import os
 import shutil
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,10 @@ from gse.station.events import ClockStep, StationKind
 from gse.station.session_data import SessionData
 from gse.station.setup import versions
 from gse.truth import Alignment
+from gse.values.power import PowerReading
 from gse.verdict.assessment import judge
 from protocols import AttitudeMessage, StatusMessage
+from protocols.description import DelayDescription, TimeDescription
 
 GOLDEN = Path(__file__).parents[3] / "replays" / "golden"
 KEY = ResultKey("a" * 64, "b" * 64, "c" * 64)
@@ -57,6 +60,8 @@ def session() -> SessionData:
     made.alignment = Alignment(
         made.station.mount, ((1.0, 0.1, 0.0), (0.1, 2.0, 0.0), (0.0, 0.0, np.inf)), (3.0, 3.0, 30.0), 50, 1, 1, 2
     )
+    made.time = TimeDescription(scale="tai", epoch=date(1958, 1, 1), delay_ms=DelayDescription(most=100))
+    made.power.append(PowerReading(START_NS, 0.31, 5.02))
     made.clock_error_s, made.truncated, made.events_not_kept = 0.1, True, 3
     return made
 
@@ -106,9 +111,10 @@ def test_every_field_of_a_session_comes_back(session, folder: Path) -> None:
     assert [type(event) for event in back.events] == [type(event) for event in session.events]
 
 
-def test_the_report_from_kept_results_has_the_bytes_of_a_derivation(tmp_path: Path) -> None:
-    path = tmp_path / "clear.mcap"
-    shutil.copy(GOLDEN / "clear.mcap", path)
+@pytest.mark.parametrize("golden", ["clear.mcap", "ccsds-packets.mcap"])  # a counter, and an absolute clock
+def test_the_report_from_kept_results_has_the_bytes_of_a_derivation(tmp_path: Path, golden: str) -> None:
+    path = tmp_path / golden
+    shutil.copy(GOLDEN / golden, path)
     told: list[str] = []
     reports = []
     for number, anew in enumerate((False, False, True)):
@@ -121,7 +127,7 @@ def test_the_report_from_kept_results_has_the_bytes_of_a_derivation(tmp_path: Pa
         reports.append({file.name: file.read_bytes() for file in out.iterdir()})
         assert bool(judged.own_elapsed_us) == (number != 1)
     assert told == [f"results kept in {results_folder(path)} are used"]
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["0", "1", "2", "clear.mcap"]  # and nothing beside it
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["0", "1", "2", golden]  # and nothing beside it
     assert reports[0] == reports[1] == reports[2]
 
 
