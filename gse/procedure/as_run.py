@@ -40,6 +40,8 @@ from gse.values.instant import LAST_NS, NS_PER_S
 
 DEVIATION = "deviation:"
 """A note of the operator that begins with this is listed as a deviation."""
+KEEPS_ALL, PORT_GONE = "every row keeps its limit", "; the port is gone"
+"""What is seen of a watch, after its frames, where nothing is to be said against it; and what is said with it."""
 _PARTS = " | "
 _MOST_SEEN, _MOST_NAME = 240, 60
 _ALWAYS = (StationKind.TEST_STREAM, StationKind.ALIGNED, StationKind.EARTH_ORIENTATION, StationKind.NO_TRUTH)

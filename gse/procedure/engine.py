@@ -23,7 +23,7 @@ import numpy as np
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import read_clock
 from drivers.errors import PortError
-from gse.procedure.as_run import StepOutcome, event_text
+from gse.procedure.as_run import KEEPS_ALL, PORT_GONE, StepOutcome, event_text
 from gse.procedure.desk import STOPS, Desk, Question
 from gse.procedure.file import (
     Act,
@@ -483,8 +483,8 @@ class Run:
             came = f"{self._counted(act, first, from_ns)} of {count_text(act.frames, 'frame')}"
         if act.exposure_s is not None:
             came += f" of {act.exposure_s:g} s"
-        gone = "; the port is gone" if self.seen.link == "no port" else ""
-        return Done(StepOutcome(outcome), f"{came}: {words or 'every row keeps its limit'}{gone}")
+        gone = PORT_GONE if self.seen.link == "no port" else ""
+        return Done(StepOutcome(outcome), f"{came}: {words or KEEPS_ALL}{gone}")
 
     def _counted(self, act: Watch, first: int, from_ns: int) -> int:
         """Frames from row ``first`` on that were exposed since then, as the watch asks."""

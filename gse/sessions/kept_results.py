@@ -96,6 +96,7 @@ class KeptContext(BaseModel):
     time: TimeDescription
     power: list[PowerReading]
     shown: list[Shown] = []
+    power: list[PowerReading] = []
     items: dict[str, Item] = {}
     item_summaries: dict[str, ItemSummary] = {}
     item_stride: int = 1
@@ -403,11 +404,11 @@ def _place_of(path: Path, station: Change) -> _Place | None:
 
 
 def _follows_from_text(force: StationInForce) -> bool:
-    """Whether the station file says all: no catalogue, protocol or program in a file of its own, no supply."""
+    """Whether the station file says all: no catalogue, protocol or program in a file of its own."""
     station = force.station
     has_protocol = force.protocol_text is not None or station.protocol in built_in_names()
     runs_program = station.identifier.algorithm == "external" and not names_program(station)
-    return has_protocol and station.catalog == GAIA and not runs_program and station.power is None
+    return has_protocol and station.catalog == GAIA and not runs_program
 
 
 def result_key(first: Path, station_text: str) -> ResultKey:

@@ -34,7 +34,18 @@ from gse.diagnosis.set_up_mistake import (
     without_turn,
 )
 from gse.external.identifier import ExternalCounts
-from gse.procedure.as_run import AsRun, Start, StepOutcome, StepRun, as_run, not_watched, starts, stretch
+from gse.procedure.as_run import (
+    KEEPS_ALL,
+    PORT_GONE,
+    AsRun,
+    Start,
+    StepOutcome,
+    StepRun,
+    as_run,
+    not_watched,
+    starts,
+    stretch,
+)
 from gse.procedure.file import Watch
 from gse.station.parameters import parameter_differences
 from gse.station.results import Subject, Verdict
@@ -171,10 +182,14 @@ def _judge_procedure(session: SessionData, log: AsRun) -> Assessment:
 
 
 def _as_judged(step: StepRun, assessment: Assessment | None) -> StepRun:
-    """A step with the verdict on its stretch, which the whole session shows better than the moment of its end did."""
-    if assessment is None or assessment.verdict.value == step.outcome.value:
+    """A step with verdict and reason of its stretch, which the whole session, or what is stated later, shows better."""
+    if assessment is None:
         return step
-    words = f"{step.seen}; {step.outcome} when it ended, {assessment.verdict} by the whole session"
+    frames, _, said = step.seen.partition(": ")
+    reason = next(iter(assessment.reasons), KEEPS_ALL)
+    words = f"{frames}: {reason}{PORT_GONE if said.endswith(PORT_GONE) else ''}"
+    if assessment.verdict.value != step.outcome.value:
+        words += f"; {step.outcome} when it ended, {assessment.verdict} by the whole session"
     return replace(step, outcome=StepOutcome(assessment.verdict.value), seen=words)
 
 

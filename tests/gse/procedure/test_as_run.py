@@ -99,7 +99,8 @@ def test_a_watch_is_judged_by_its_own_stretch_and_limits():
     assert [row.name for row in watched.rows if row.outcome == "FAIL"] == ["output rate"]
     assert assessment.verdict is Verdict.FAIL
     assert assessment.procedure.log.steps[0].outcome is StepOutcome.FAIL
-    assert "PASS when it ended, FAIL by the whole session" in assessment.procedure.log.steps[0].seen
+    words = f"{watched.reasons[0]}; PASS when it ended, FAIL by the whole session"
+    assert assessment.procedure.log.steps[0].seen == f"frames: {words}"
     assert int(assessment.statistics.counted.used.sum()) <= len(utc_ns) // 2  # the rest is left out of the plots, too
 
 
