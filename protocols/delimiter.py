@@ -9,6 +9,7 @@ A frame here is [header payload checksum].
 KISS is SLIP whose first byte, a command, is one of the header's.
 
 One more such framing is an entry of DELIMITERS with its two functions; ``protocols/delimited.py`` finds its frames.
+Where the end is sent twice, ``packed`` writes it twice: the second one stands before the next frame, as HDLC's does.
 """
 
 import re
@@ -36,6 +37,13 @@ class Delimiter:
     packed: Callable[[bytes], bytes]
     unpacked: Callable[[bytes], bytes | None]
     fault: str
+
+    def __post_init__(self) -> None:
+        if len(self.end) != 1:
+            raise ValueError(
+                f"{self.name}: the end has {len(self.end)} bytes, expected one; where it is sent twice, packed writes "
+                "it twice"
+            )
 
 
 def _slip_packed(frame: bytes) -> bytes:

@@ -23,6 +23,7 @@ from protocols import (
     load_protocol,
     parse_protocol,
 )
+from protocols.delimiter import Delimiter
 from protocols.frame import MAX_DISCARD_BYTES
 
 SYNC = load_protocol("panorama-v1")
@@ -304,6 +305,17 @@ def test_slip_frames_with_one_end_between_them_are_found() -> None:
     found = decode(SLIP, stream)
     assert [f.sequence for f in frames(found)] == [0, 1, 2, 3]
     assert reasons(found) == []
+
+
+def test_frames_that_are_ended_twice_are_found() -> None:
+    found = decode(HDLC, b"".join(panorama(HDLC, n)[1:] + b"\x7e" for n in range(4)))
+    assert [f.sequence for f in frames(found)] == [0, 1, 2, 3]
+    assert [len(item.data) for item in found if isinstance(item, Discard)] == [1]  # the last, which opens no frame
+
+
+def test_an_end_of_two_bytes_is_refused_with_what_to_do() -> None:
+    with pytest.raises(ValueError, match=r"^twice: the end has 2 bytes, expected one; .* packed writes it twice$"):
+        Delimiter("twice", b"\x7e\x7e", bytes, bytes, "")
 
 
 def test_idle_slip_ends_are_one_discard_not_one_each() -> None:
