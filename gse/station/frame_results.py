@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -162,26 +162,25 @@ class FrameResults(Sequence[FrameResult]):
         if (begin, end) == (0, len(self)):
             return self
         each, (_, rows) = slice(begin, end), self.answers.parts.part(begin, end)
-        return FrameResults(
-            self.panoramas.part(begin, end),
-            self.identifier,
-            self.star_name,
-            self.status[each],
-            _within(self.details, begin, end),
-            self.answers.part(begin, end),
-            self.residuals_arcsec[rows],
-            self.elapsed_us[each],
-            self.attitudes.part(begin, end),
-            self.geometric.part(begin, end),
-            self.true.part(begin, end),
-            self.errors_arcsec[each],
-            self.has_roll[each],
-            self.answer_check[each],
-            self.reference_icrs[each],
-            self.others.part(begin, end),
-            self.light.part(begin, end),
-            self.left_out.part(begin, end),
-            _within(self.given, begin, end),
+        return replace(
+            self,
+            panoramas=self.panoramas.part(begin, end),
+            status=self.status[each],
+            details=_within(self.details, begin, end),
+            answers=self.answers.part(begin, end),
+            residuals_arcsec=self.residuals_arcsec[rows],
+            elapsed_us=self.elapsed_us[each],
+            attitudes=self.attitudes.part(begin, end),
+            geometric=self.geometric.part(begin, end),
+            true=self.true.part(begin, end),
+            errors_arcsec=self.errors_arcsec[each],
+            has_roll=self.has_roll[each],
+            answer_check=self.answer_check[each],
+            reference_icrs=self.reference_icrs[each],
+            others=self.others.part(begin, end),
+            light=self.light.part(begin, end),
+            left_out=self.left_out.part(begin, end),
+            given=_within(self.given, begin, end),
         )
 
     @property
