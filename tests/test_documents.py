@@ -18,7 +18,8 @@ from gse.cli.commands import OLD_NAMES
 from gse.config.station import Station
 from gse.recording.session_format import RecorderKind
 from gse.station.events import StationKind
-from gse.values.identifier_options import PLUG_KEYS
+from gse.values.identifier_options import PLUG_KEYS, IdentifierOptions
+from protocols.delimiter import DELIMITERS
 
 ROOT = Path(__file__).parents[1]
 TEXTS = sorted(
@@ -132,12 +133,12 @@ def test_the_page_of_the_command_line_has_each_command_with_each_option() -> Non
     page = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
     parts = dict(re.findall(r"^## (gse[^\n]*)\n\n```\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
     there = dict(commands(cli, "gse"))
-    assert sorted(parts) == sorted(there)
+    assert sorted(parts) == sorted(there), "run: python docs/make_command_line.py"
     for path, command in there.items():
         shown = set(re.findall(r"^  (?:-\w, )?(--[a-z][\w-]*)", parts[path], re.MULTILINE))
         today = [param for param in command.params if (path.removeprefix("gse "), param.opts[0]) not in OLD_NAMES]
         hidden = {option for param in today for option in param.opts if option.startswith("--")} - shown
-        assert hidden == set(), f"{path}; run docs/make_command_line.py"
+        assert hidden == set(), f"{path}; run: python docs/make_command_line.py"
 
 
 def keys_of(section: Any) -> dict[str, Any]:
@@ -173,7 +174,21 @@ def test_the_page_of_the_station_file_has_each_key() -> None:
         if f"`{'.'.join(key)}`" not in page
         and not ((len(key) > 2 or key[-1] in PLUG_KEYS) and re.search(rf"\b{key[-1]}\b", "".join([page, *linked])))
     ]
-    assert missing == []
+    assert missing == [], "give each a line in docs/station-file.md"
+
+
+def test_the_page_of_the_station_file_has_each_word_that_an_option_of_an_identifier_may_have() -> None:
+    page = (ROOT / "docs" / "station-file.md").read_text(encoding="utf-8")
+    hints = get_type_hints(IdentifierOptions)
+    words = {key: [word for word in get_args(hint) if isinstance(word, str)] for key, hint in hints.items()}
+    assert words["algorithm"]
+    missing = [f"identifier.{key}: {word}" for key in words for word in words[key] if f"`{word}`" not in page]
+    assert missing == [], "name each in docs/station-file.md"
+
+
+def test_the_page_of_protocols_has_each_framing_with_an_end() -> None:
+    page = (ROOT / "docs" / "protocols.md").read_text(encoding="utf-8")
+    assert [kind for kind in DELIMITERS if f"| `{kind}` |" not in page] == [], "give each a row in docs/protocols.md"
 
 
 STATEMENTS = re.findall(r"^\| ([SN]\d+) \|.*\| ([^|]+) \|$", (ROOT / "docs" / "formulas.md").read_text("utf-8"), re.M)

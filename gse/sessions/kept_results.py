@@ -96,7 +96,6 @@ class KeptContext(BaseModel):
     time: TimeDescription
     power: list[PowerReading]
     shown: list[Shown] = []
-    power: list[PowerReading] = []
     items: dict[str, Item] = {}
     item_summaries: dict[str, ItemSummary] = {}
     item_stride: int = 1

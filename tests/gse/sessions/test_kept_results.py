@@ -61,7 +61,6 @@ def session() -> SessionData:
         made.station.mount, ((1.0, 0.1, 0.0), (0.1, 2.0, 0.0), (0.0, 0.0, np.inf)), (3.0, 3.0, 30.0), 50, 1, 1, 2
     )
     made.time = TimeDescription(scale="tai", epoch=date(1958, 1, 1), delay_ms=DelayDescription(most=100))
-    made.power.append(PowerReading(START_NS, 0.31, 5.02))
     made.clock_error_s, made.truncated, made.events_not_kept = 0.1, True, 3
     made.power = [PowerReading(START_NS, 0.31, 5.02), PowerReading(START_NS + 1, 0.3, 5.0)]
     return made

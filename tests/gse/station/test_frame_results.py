@@ -141,7 +141,7 @@ def test_a_column_of_the_frame_table_is_what_the_results_say(name, values):
 
 
 def test_every_column_of_the_frame_table_is_held_above():
-    assert set(COLUMNS) == set(FRAME.names)
+    assert set(FRAME.names) == set(COLUMNS), "give COLUMNS above what the three results say in a new column"
 
 
 def angles_of(attitudes):
