@@ -677,15 +677,12 @@ REQUIREMENTS = (
         decided=ByRate(_noise),
         says="standard deviation of the rate that the sensor states about an axis: the largest of all",
     ),
-    Requirement(
+    _only_asked(
         name="wrong star names",
         limit="wrong_names_share",
         claim=Claim.FALSEHOOD,
         decided=ByNames(),
         says="the frames whose STARS message gives an object the name of another star than its panorama shows",
-        only_asked=True,
-        plan=not_planned,
-        compared=not_compared,
     ),
 )
 
