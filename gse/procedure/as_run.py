@@ -190,7 +190,7 @@ def part_of(session: SessionData, from_ns: int, until_ns: int, station: Station)
 
 
 def _items_of(table: Housekeeping, from_ns: int, until_ns: int) -> Housekeeping:
-    part = Housekeeping({item.name: item for item in table.items}, table.parameters)
+    part = Housekeeping({item.name: item for item in table.items})
     utc_ns = table.rows["utc_ns"]
     part.extend(table.rows.rows((utc_ns >= from_ns) & (utc_ns < until_ns)))
     return part
@@ -209,10 +209,11 @@ def _rows_of(table: FrameTable, rows: NDArray[np.int64]) -> FrameTable:
 
 
 def station_of(station: Station, watch: Watch) -> Station:
-    """The station with the limits and requirements of a watch."""
+    """The station with the limits and requirements of a watch; parameters are compared over the whole session."""
     limits = dataclasses.replace(station.limits, **watch.limits)
     named = {row: _requirement(text) for row, text in watch.requirements.items()}
-    test = station.test.model_copy(update={"requirements": {**station.test.requirements, **named}})
+    update = {"requirements": {**station.test.requirements, **named}, "parameters": {}, "parameters_sha256": None}
+    test = station.test.model_copy(update=update)
     return station.model_copy(update={"limits": limits, "test": test})
 
 

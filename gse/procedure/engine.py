@@ -448,8 +448,10 @@ class Run:
                     names = ", ".join(sorted(missing))
                     return Done(StepOutcome.INCONCLUSIVE, f"after {act.at_most_s:g} s no value of {names} had come")
                 yield
-            differs = Condition(act.items, items_of(self.bench.protocol)).what_differs(values)
-            words.append(differs or ", ".join(f"{name} is {_in_words(values[name])}" for name in act.items))
+            items = items_of(self.bench.protocol)
+            differs = Condition(act.items, items).what_differs(values)
+            said = (f"{name} is {_in_words(values[name])} {items[name].unit}".rstrip() for name in act.items)
+            words.append(differs or ", ".join(said))
             outcomes.append(StepOutcome.FAIL if differs else StepOutcome.PASS)
         for share in act.shares:
             outcome, text = self._share(share)
@@ -558,4 +560,4 @@ _WORST_FIRST = (StepOutcome.FAIL, StepOutcome.NOT_DONE, StepOutcome.INCONCLUSIVE
 
 
 def _in_words(value: ItemValue) -> str:
-    return value if isinstance(value, str) else f"{value:.6g}"
+    return value or "''" if isinstance(value, str) else f"{value:.6g}"

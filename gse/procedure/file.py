@@ -304,6 +304,10 @@ class _Reader:
             return ends
         if isinstance(node.value, dict):
             raise self.problem(node, f"{name}: expected a value, or [low, high]")
+        if node.value == "":
+            return ""  # none of the bits is set
+        if node.value is None:
+            raise self.problem(node, f"{name} has no value; none of the bits of an item is ''")
         is_number = isinstance(node.value, int | float) and not isinstance(node.value, bool)
         return self.number(node) if is_number else self.text(node)
 

@@ -1,6 +1,7 @@
 """The as-run log: from steps to events, and from events to the log."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,14 +11,15 @@ from scipy.stats import binom
 from skies.known_nights import session
 
 from drivers.chunk import LinkEvent
-from gse.procedure.as_run import StepOutcome, as_run, event_text, part_of, spread_of, starts
+from gse.procedure.as_run import StepOutcome, as_run, event_text, part_of, spread_of, starts, stretch
 from gse.procedure.file import Watch
 from gse.station.events import StationKind
 from gse.station.item_table import ITEM, Housekeeping
+from gse.station.parameters import parameter_differences
 from gse.station.results import Verdict
 from gse.values.instant import NS_PER_S
 from gse.verdict.assessment import judge
-from protocols import load_protocol
+from protocols import Item, load_protocol
 
 BEGIN = LinkEvent(0, 0, StationKind.PROCEDURE, event_text("SS-TP-07", "A. Tester", "2"))
 END = LinkEvent(90, 0, StationKind.PROCEDURE_ENDED, "the supply was left off")
@@ -102,6 +104,25 @@ def test_a_watch_is_judged_by_its_own_stretch_and_limits():
     words = f"{watched.reasons[0]}; PASS when it ended, FAIL by the whole session"
     assert assessment.procedure.log.steps[0].seen == f"frames: {words}"
     assert int(assessment.statistics.counted.used.sum()) <= len(utc_ns) // 2  # the rest is left out of the plots, too
+
+
+def test_parameters_that_were_read_before_a_watch_are_none_of_its_business():
+    made = session()
+    test = made.station.test.model_copy(update={"parameters": {"threshold_counts": 120.0}})
+    made.station = made.station.model_copy(update={"test": test})
+    begin_ns, end_ns = (int(made.frames.columns["utc_ns"][at]) for at in (100, -1))
+    item = Item("threshold_counts", "PARAMETERS", "threshold_counts", "", {}, False, 1.0)
+    made.housekeeping = Housekeeping({item.name: item}, (item.name,))
+    read = np.zeros(1, ITEM)
+    read["utc_ns"], read["value"] = begin_ns - 1, 120.0
+    made.housekeeping.extend(read)
+    assert list(parameter_differences(made)) == []
+    part = stretch(
+        made,
+        replace(as_run([BEGIN, *step("1", "PASS")]).steps[0], from_ns=begin_ns, until_ns=end_ns),
+        Watch(60.0, {}, {}),
+    )
+    assert list(parameter_differences(part)) == []
 
 
 def test_starts_have_their_first_panorama_and_their_first_answer():

@@ -86,6 +86,12 @@ def test_what_a_step_plans_is_one_line_of_yaml_in_the_words_of_the_file():
     assert [step.act for step in again.steps][:7] == [step.act for step in parse_procedure(HEAD + ALL).steps][:7]
 
 
+def test_no_bit_is_an_empty_text_and_no_value_at_all_is_refused():
+    (step,) = parse_procedure(f'{HEAD}  - check: {{faults: ""}}\n').steps
+    assert step.act.items == {"faults": ""}
+    assert "faults has no value; none of the bits of an item is ''" in refused(f"{HEAD}  - check: {{faults: }}\n")
+
+
 def test_all_of_it_is_known_to_a_station_and_its_description():
     assert problems(ALL.replace("mode: standby", "mode: streaming")) == []
 
