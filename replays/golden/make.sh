@@ -13,5 +13,6 @@ gse simulate --scenario own-answers.yaml --seed 5 --file own-answers.mcap
 for name in nsp-polled ccsds-packets text-lines slip-polled; do
     gse simulate --scenario $name.yaml --seed 6 --file $name.mcap
 done
+gse simulate --scenario items.yaml --seed 7 --file items.mcap
 gse simulate --scenario text-objects.yaml --seed 6 --file text-objects.mcap --faults drop:2e-5
 gse ci . --update

@@ -50,7 +50,7 @@ def test_a_machine_with_a_lesser_processor_gives_the_same_report_to_the_byte(tmp
 def test_each_golden_session_is_small_and_has_its_command_and_its_words() -> None:
     make, words = (GOLDEN / "make.sh").read_text(), (GOLDEN / "README.md").read_text()
     own = {"clear", "inclined", "cloudy", "faults", "own-answers"}
-    wires = {"nsp-polled", "ccsds-packets", "text-lines", "text-objects", "slip-polled"}
+    wires = {"nsp-polled", "ccsds-packets", "text-lines", "text-objects", "slip-polled", "items"}
     assert {path.stem for path in RECORDINGS} == own | wires
     for path in RECORDINGS:
         assert path.stat().st_size <= 300_000
