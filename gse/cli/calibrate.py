@@ -213,12 +213,24 @@ def _lines(result: SessionCalibration) -> list[str]:
             for when in ("before", "after")
             for numbers in [_residuals(fitted, when)]
         ),
+        *_map(fitted.map_px.tolist()),
+    ]
+
+
+_FEWEST_OF_CELL = 5
+
+
+def _map(rows: list[list[list[float]]]) -> list[str]:
+    """The mean residuals over the detector, where there are stars enough."""
+    if not any(cell[2] >= _FEWEST_OF_CELL for row in rows for cell in row):
+        return []
+    return [
         "",
         "mean residual over the detector after the fit, x and y in 0.01 px;",
-        "-: fewer than 5 stars",
-        *(" ".join(_cell(cell) for cell in row) for row in fitted.map_px.tolist()),
+        f"-: fewer than {_FEWEST_OF_CELL} stars",
+        *(" ".join(_cell(cell) for cell in row) for row in rows),
     ]
 
 
 def _cell(cell: list[float]) -> str:
-    return f"{100 * cell[0]:+4.0f},{100 * cell[1]:+4.0f}" if cell[2] >= 5 else f"{'-':^9}"
+    return f"{100 * cell[0]:+4.0f},{100 * cell[1]:+4.0f}" if cell[2] >= _FEWEST_OF_CELL else f"{'-':^9}"

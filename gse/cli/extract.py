@@ -134,9 +134,11 @@ def _words(picture: "Picture", count: int) -> list[str]:
         words.append(
             "a JPEG of quality 85 doubles the error of a centre, one of 60 has it four times; TIFF or FITS keep all"
         )
+    darkest, brightest = np.nanmin(picture.counts), np.nanmax(picture.counts)
     if not count:
-        darkest, brightest = np.nanmin(picture.counts), np.nanmax(picture.counts)
         words.append(f"no object found: the counts of the picture are {darkest:g} to {brightest:g}")
+    elif darkest == brightest:
+        words.append(f"every pixel has the count {darkest:g}: what was found is no object")
     return words
 
 

@@ -247,6 +247,13 @@ def test_an_even_picture_gives_an_empty_table_and_a_word(
     assert f"no object found: the counts of the picture are {level} to {level}" in done.err
 
 
+def test_an_even_picture_has_a_word_also_where_the_paper_s_extraction_takes_its_light_for_an_object(
+    tmp_path: Path, gse: Gse
+) -> None:
+    Image.fromarray(np.full((64, 96), 255, dtype=np.uint8)).save(tmp_path / "even.png")
+    assert "every pixel has the count 255" in gse("extract", tmp_path / "even.png").err
+
+
 def test_light_keeps_what_index_values_round_and_fills_what_is_no_number(tmp_path: Path) -> None:
     values = np.full((20, 30), 1001.0, dtype=np.float32)
     values[3, 4], values[5, 6], values[7, 8] = np.nan, np.inf, 50_000

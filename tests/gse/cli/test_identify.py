@@ -94,6 +94,7 @@ def test_the_camera_of_one_picture_or_table_is_calibrated(tmp_path: Path, gse: G
     assert of_picture.code == 0
     true_px = camera_of(800, 600, ACROSS_DEG).focal_length_px
     assert json.loads(of_picture.out)["focal_length_px"] == pytest.approx(true_px, rel=1e-3)
+    assert "over the detector" not in gse("calibrate", tmp_path / "sky.png").out, "no part of it has five stars"
     gse("extract", "--sub-pixel", tmp_path / "sky.png", "--out", tmp_path / "table.csv")
     of_table = gse("calibrate", tmp_path / "table.csv", "--station", tmp_path / "new.yaml", "--json")
     assert json.loads(of_table.out)["focal_length_px"] == pytest.approx(true_px, rel=1e-3)
