@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent, LinkKind
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
-from gse.values.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, Axis
+from gse.values.axis import ALL_AXES, AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, Axis
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
 from gse.view.live_state import SessionSoFar
@@ -150,7 +150,7 @@ class ErrorTraces:
     def __init__(self) -> None:
         self._marks: tuple[tuple[int, float, str, str], ...] = ()
         self._onboard = ErrorTrace([axis.column for axis in ALL_AXES])
-        self._own = ErrorTrace([axis.column for axis in ALL_AXES[:3]])
+        self._own = ErrorTrace([axis.column for axis in AXES])
         self._sends_own = False
 
     def on_results(self, results: FrameResults, so_far: SessionSoFar) -> None:
@@ -180,14 +180,8 @@ class ErrorTraces:
             "view": view,
             "subject": "own" if is_own else "onboard",
             "sends_own": self._sends_own,
-            "axes": [{"name": axis.label, "limit_arcsec": _limit(axis, limits)} for axis in axes],
+            "axes": [{"name": axis.label, "limit_arcsec": limits.of(axis) if axis in AXES else None} for axis in axes],
             "close": trace.close_after(close, places),
             "whole": trace.whole_after(step_s, whole, places),
             "marks": [one for one in self._marks if one[0] > mark],
         }
-
-
-def _limit(axis: Axis, limits: Limits) -> float | None:
-    """The limit of an axis; that of the axes of the sensor where the station file states one."""
-    value = limits.of(axis) if axis in ALL_AXES[:3] else math.nan
-    return value if math.isfinite(value) else None

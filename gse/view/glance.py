@@ -20,6 +20,7 @@ from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth import horizon_to_sensor
 from gse.truth.solar_system import sun_altitude_deg
 from gse.values import instant
+from gse.values.axis import Axis
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import length, product
 from gse.values.mount import Mount
@@ -33,8 +34,6 @@ from protocols import COLOURS
 
 # Dawn: when the sky of a site becomes too bright for stars.
 
-_ITEMS_SHOWN = 24
-"""Of the sensor's housekeeping; a page holds so many."""
 _STEP_NS = 600 * NS_PER_S
 _STEPS = 144
 _HALVINGS = 10
@@ -190,6 +189,8 @@ SCHEMA = "gse.glance/1"
 
 _SLOW_EVERY_NS = NS_PER_S
 """What changes slowly (disk, turn of the mount, histogram, dawn) is found once a second."""
+_ITEMS_SHOWN = 24
+"""Items of the sensor's housekeeping for which the page has room."""
 _SKY_WORDS = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
 
 
@@ -284,16 +285,15 @@ class Glance:
     def _axes(self) -> list[dict[str, Any]]:
         """dRA* and dDE of the results, and of the sensor's own answers beside them where it sends some."""
         so_far, limits = self._so_far, self._station.limits
-        shown = [(so_far.subject, "dRA*", so_far.d_ra), (so_far.subject, "dDE", so_far.d_de)]
-        if so_far.own_d_ra.n:
-            shown += [(Subject.SENSOR, "dRA*", so_far.own_d_ra), (Subject.SENSOR, "dDE", so_far.own_d_de)]
-        of_name = {"dRA*": limits.d_ra_cosde_arcsec, "dDE": limits.d_de_arcsec}
-        return [self._axis(subject, name, errors, of_name[name]) for subject, name, errors in shown]
+        return [
+            self._axis(Subject.SENSOR if whose else so_far.subject, axis, errors, limits.of(axis))
+            for whose, axis, errors in so_far.compared
+        ]
 
-    def _axis(self, subject: Subject, name: str, errors: ErrorsSoFar, limit_arcsec: float) -> dict[str, Any]:
+    def _axis(self, subject: Subject, axis: Axis, errors: ErrorsSoFar, limit_arcsec: float) -> dict[str, Any]:
         return {
             "subject": subject.value,
-            "name": name,
+            "name": axis.label,
             "last_arcsec": _number(errors.last, 1),
             "mean_arcsec": _number(errors.mean if errors.n else math.nan, 1),
             "std_arcsec": _number(errors.std, 1),

@@ -25,7 +25,7 @@ from gse.station.item_table import Housekeeping, ItemNow
 from gse.station.own_answers import NO_OWN_ERRORS, NewOwnErrors
 from gse.station.results import ERRORS, AnswerCheck, AttitudeError, LinkCounters, Status, Subject
 from gse.station.session_data import SessionData
-from gse.values.axis import D_DE, D_RA_COSDE
+from gse.values.axis import D_DE, D_RA_COSDE, Axis
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
 from gse.values.mount import Mount
@@ -242,8 +242,7 @@ class SessionSoFar:
         answered = rows[is_answered]
         compared = rows[~np.isnan(rows[ERRORS[0]])]
         d_ra, d_de = _axes_arcsec(compared)
-        limits = self.limits
-        inside = (np.abs(d_ra) <= limits.d_ra_cosde_arcsec) & (np.abs(d_de) <= limits.d_de_arcsec)
+        inside = (np.abs(d_ra) <= self.limits.of(D_RA_COSDE)) & (np.abs(d_de) <= self.limits.of(D_DE))
         return replace(
             self,
             frames=self.frames + len(rows),
@@ -312,21 +311,21 @@ class SessionSoFar:
         return self.by_status[Status.IDENTIFIED.value] / counted if counted else math.nan
 
     @property
+    def compared(self) -> tuple[tuple[str, Axis, ErrorsSoFar], ...]:
+        """The errors that are shown by axis, each with a word for whose they are: empty of the subject under test."""
+        own = (("sensor ", D_RA_COSDE, self.own_d_ra), ("sensor ", D_DE, self.own_d_de))
+        return (("", D_RA_COSDE, self.d_ra), ("", D_DE, self.d_de), *(own if self.own_d_ra.n else ()))
+
+    @property
     def outside(self) -> tuple[str, ...]:
         """The limits that the session does not keep so far, with the values."""
         return tuple(self._outside())
 
     def _outside(self) -> Iterator[str]:
         limits = self.limits
-        axes = (
-            ("dRA*", self.d_ra, limits.d_ra_cosde_arcsec),
-            ("dDE", self.d_de, limits.d_de_arcsec),
-            ("sensor dRA*", self.own_d_ra, limits.d_ra_cosde_arcsec),
-            ("sensor dDE", self.own_d_de, limits.d_de_arcsec),
-        )
-        for name, axis, limit in axes:
-            if axis.mean_abs > limit:
-                yield f"mean |{name}| {axis.mean_abs:.1f} arcsec (limit {limit:g})"
+        for whose, axis, errors in self.compared:
+            if errors.mean_abs > limits.of(axis):
+                yield f"mean |{whose}{axis.label}| {errors.mean_abs:.1f} arcsec (limit {limits.of(axis):g})"
         answers = self.by_status[Status.IDENTIFIED.value]
         expected = self.frames - self.without_sky + self.link.frames_lost
         if expected < _FEWEST_FOR_SHARES:

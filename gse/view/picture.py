@@ -22,7 +22,7 @@ _KINDS = {"named": SKY_BLUE, "stars": SKY_BLUE, "unidentified": ORANGE, "hot": V
 
 _KIND = "U12"
 _LABELLED = ("named", "hot", "planets")
-"""In radians."""
+"""The kinds whose labels show without the mouse."""
 
 _RADIUS_SHARE = (0.004, 0.012)
 """Radius of the dimmest and brightest object, as a share of the detector's width."""

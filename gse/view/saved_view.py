@@ -20,6 +20,7 @@ from gse.catalog import StarCatalog
 from gse.errors import GseError, UsageError
 from gse.station.own_answers import OWN_ERROR, SensorAnswers
 from gse.station.session_data import SessionData
+from gse.values.axis import AXES
 from gse.view.glance_word import bare_verdict
 from gse.view.scene import Scene
 from gse.view.verdict_text import verdict_at_end, verdict_so_far
@@ -81,7 +82,7 @@ def _own_errors(session: SessionData, own: SensorAnswers | None) -> NDArray[np.v
         return np.zeros(0, OWN_ERROR)
     rows = np.zeros(int(own.sent.sum()), OWN_ERROR)
     rows["utc_ns"] = session.frames.columns["utc_ns"][own.sent]
-    for name in ("d_ra_cosde_arcsec", "d_de_arcsec", "d_roll_arcsec", "latency_ms"):
+    for name in (*(axis.column for axis in AXES), "latency_ms"):
         rows[name] = getattr(own, name)[own.sent]
     return rows
 

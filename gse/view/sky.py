@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog
 from gse.values.attitude import Attitude
+from gse.values.axis import D_DE, D_RA_COSDE, ON_SKY
 from gse.values.camera import Camera
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
@@ -120,14 +121,14 @@ def begin_scatter(stream: rr.RecordingStream, limits: Limits) -> None:
 def send_scatter(
     stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits, errors: tuple[ErrorsSoFar, ErrorsSoFar]
 ) -> None:
-    """dRA* to the right and dDE upwards of some frames, with the rings of ``spread`` (1 and 3 sigma) about the mean."""
-    found = columns[np.isfinite(columns["d_ra_cosde_arcsec"])]
+    """dRA* to the right and dDE upwards of some frames, with rings of 1 and 3 sigma of ``errors`` about the mean."""
+    found = columns[np.isfinite(columns[D_RA_COSDE.column])]
     if not len(found):
         return
     ends, lengths = grouped(found["utc_ns"])
-    edge = EDGE * np.array([limits.d_ra_cosde_arcsec, limits.d_de_arcsec])
+    edge = EDGE * np.array([limits.of(axis) for axis in ON_SKY])
     # Rows of a picture go down, so the sign of dDE is turned.
-    xy = np.column_stack([found["d_ra_cosde_arcsec"], -found["d_de_arcsec"]])
+    xy = np.column_stack([found[D_RA_COSDE.column], -found[D_DE.column]])
     points = np.round(np.clip(xy, -edge, edge), 3).astype(np.float32)
     rows = rr.Points2D.columns(positions=points).partition(lengths)
     stream.send_columns("/scatter/points", [times(found["utc_ns"][ends])], rows)

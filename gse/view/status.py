@@ -19,6 +19,7 @@ from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.session_data import SessionData
 from gse.values import instant
+from gse.values.axis import D_DE, D_RA_COSDE
 from gse.values.text import count_text
 from gse.view.live_state import STATE_EVERY_NS, ErrorsSoFar, LiveState, SessionSoFar
 from gse.view.verdict_text import clock_health, host_minus_sensor, percent
@@ -163,8 +164,8 @@ class StatusLine:
         yield _LinePart(f"  {so_far.behind_s:.0f} s behind" if so_far.late else "", 1, _BAD)
         yield _LinePart(f"  {so_far.silence}" if so_far.silence else "", 1, _BAD)
         yield _warned(f"  {percent(so_far.identified)} identified", 3, so_far.identified < limits.availability)
-        yield _mean("dRA*", so_far.d_ra, limits.d_ra_cosde_arcsec)
-        yield _mean("dDE", so_far.d_de, limits.d_de_arcsec)
+        yield _mean(D_RA_COSDE.label, so_far.d_ra, limits.of(D_RA_COSDE))
+        yield _mean(D_DE.label, so_far.d_de, limits.of(D_DE))
         yield _LinePart(f"  NEA {_nea(so_far.d_ra.nea)}, {_nea(so_far.d_de.nea)} arcsec", 6)
         yield _clock(so_far)
         apart_s = so_far.host_minus_sensor_s

@@ -9,7 +9,7 @@ from gse.view.live_state import ErrorsSoFar, SessionSoFar
 
 def verdict_so_far(so_far: SessionSoFar, *, dropped: int = 0) -> str:
     """Markdown on a running session; ``dropped`` counts frames that the slow view did not show."""
-    limits, last, link, clock = so_far.limits, so_far.last, so_far.link, so_far.clock
+    link, clock = so_far.link, so_far.clock
     share = so_far.inside / so_far.d_ra.n if so_far.d_ra.n else math.nan
     lines = [
         f"# {headline(so_far)}",
@@ -18,9 +18,7 @@ def verdict_so_far(so_far: SessionSoFar, *, dropped: int = 0) -> str:
         "",
         "| arcsec | last | mean | std | NEA | limit |",
         "|---|---|---|---|---|---|",
-        _row("dRA*", last.d_ra_cosde_arcsec if last else None, so_far.d_ra, limits.d_ra_cosde_arcsec),
-        _row("dDE", last.d_de_arcsec if last else None, so_far.d_de, limits.d_de_arcsec),
-        *_own_rows(so_far),
+        *(_row(whose + axis.label, errors, so_far.limits.of(axis)) for whose, axis, errors in so_far.compared),
         "",
         *(f"- {status}: {count}" for status, count in sorted(so_far.by_status.items())),
         f"- false answers, onboard: {so_far.false_answers}",
@@ -76,18 +74,8 @@ def _loud(count: int) -> str:
     return f"**{count}**" if count else "0"
 
 
-def _own_rows(so_far: SessionSoFar) -> list[str]:
-    """Rows of the sensor's own answers, where it sends some."""
-    limits = so_far.limits
-    axes = (
-        ("sensor dRA*", so_far.own_d_ra, limits.d_ra_cosde_arcsec),
-        ("sensor dDE", so_far.own_d_de, limits.d_de_arcsec),
-    )
-    return [_row(name, axis.last, axis, limit) for name, axis, limit in axes if axis.n]
-
-
-def _row(name: str, last: float | None, errors: ErrorsSoFar, limit: float) -> str:
-    signed = (last, errors.mean if errors.n else None)
+def _row(name: str, errors: ErrorsSoFar, limit: float) -> str:
+    signed = (errors.last, errors.mean if errors.n else math.nan)
     cells = [*map(arcsec, signed), *(arcsec(size, "") for size in (errors.std, errors.nea))]
     return f"| {name} | {' | '.join(cells)} | {limit:g} |"
 
@@ -106,9 +94,9 @@ def host_minus_sensor(seconds: float) -> str:
     return f"host - sensor clock {seconds:+.3f} s"
 
 
-def arcsec(value: float | None, sign: str = "+") -> str:
+def arcsec(value: float, sign: str = "+") -> str:
     """One decimal, with its sign unless ``sign`` is empty, or a dash."""
-    return "-" if value is None or math.isnan(value) else f"{value:{sign}.1f}"
+    return "-" if math.isnan(value) else f"{value:{sign}.1f}"
 
 
 def percent(share: float) -> str:
