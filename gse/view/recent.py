@@ -1,4 +1,4 @@
-"""Values of the last minutes, numbered in the order of their coming."""
+"""The latest of a session that a display keeps: values by their number, events by their kind."""
 
 from collections import deque
 from dataclasses import dataclass, replace

@@ -151,22 +151,6 @@ class Content:
     pages: tuple[tuple[str, type[RequestHandler], dict[str, Any]], ...] = ()
 
 
-class Serving(Protocol):
-    """What the pages need of their server (gse.view.server)."""
-
-    bind: str
-    port: int
-    token: str
-    opened: bool
-    content: Content
-
-    def join(self, browser: WebSocketHandler) -> None: ...
-
-    def ask(self, browser: WebSocketHandler, errors: Sequence[str]) -> None: ...
-
-    def leave(self, browser: WebSocketHandler) -> None: ...
-
-
 class Guests:
     """The connections that are served, at most ``most``.
 
@@ -192,7 +176,7 @@ class Guests:
         self._addresses.pop(stream, None)
 
 
-def application(server: Serving) -> Application:
+def application(server: "ViewServer") -> Application:
     """The pages of a server."""
     to_server = {"server": server}
     front = "glance.html.jinja" if server.content.glance else "rerun.html"
@@ -217,9 +201,9 @@ def application(server: Serving) -> Application:
 class Page(RequestHandler):
     """Any answer of the server: checks the Host, and lets pages talk to this server only."""
 
-    server: Serving
+    server: "ViewServer"
 
-    def initialize(self, server: Serving, **extra: Any) -> None:
+    def initialize(self, server: "ViewServer", **extra: Any) -> None:
         self.server = server
         self.extra = extra
 
