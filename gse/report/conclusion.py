@@ -63,7 +63,7 @@ def headline(word: str, *, simulated: bool) -> str:
 
 
 def conclusion_lines(conclusion: dict[str, Any], session: str, columns: int | None = None) -> list[str]:
-    """The conclusion on the session at a path, each part a line; folded to ``columns``, and at most ten lines then."""
+    """The conclusion on the session at a path, each part a line; folded to ``columns``, it has at most eleven lines."""
     parts = [("", f"{conclusion['headline']}: {conclusion['subject']}")]
     parts += [(label, conclusion[key]) for key, label in _LABELS]
     parts.append(("not tested", "; ".join(conclusion["not_tested"])))
@@ -82,14 +82,17 @@ def explained(conclusion: dict[str, Any]) -> list[str]:
 
 def _folded(label: str, text: str, columns: int | None, most: int) -> list[str]:
     head = f"{label}: " if label else ""
-    if columns is None:
-        return [head + text]
+    return [head + text] if columns is None else folded(text, columns, head=head, below="  ", most=most)
+
+
+def folded(text: str, columns: int, *, head: str, below: str, most: int | None = None) -> list[str]:
+    """Lines of a text after its ``head``, each command in one piece, which can be copied."""
     whole = _COMMAND.sub(lambda command: command[0].replace(" ", _GLUE), text)
     lines = textwrap.wrap(
         whole,
         columns,
         initial_indent=head,
-        subsequent_indent="  ",
+        subsequent_indent=below,
         max_lines=most,
         placeholder=" ...",
         break_long_words=False,

@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from gse.report.plot_data import PlotData, edge_of, sample, unit_of
+from gse.report.plot_data import PlotData, angle_unit, edge_of, sample
 from gse.values.axis import D_DE, D_RA_COSDE, ON_SKY
 from gse.values.limits import Limits
 from gse.verdict.requirements import SlewStep
@@ -87,7 +87,7 @@ def draw_scatter(figure: Figure, data: PlotData) -> None:
     limits = data.session.station.limits
     x, y = (data.used(axis.column) for axis in ON_SKY)
     box = (limits.of(D_RA_COSDE), limits.of(D_DE))
-    scale, unit = unit_of(max(edge_of(x, box[0]), edge_of(y, box[1])))
+    scale, unit = angle_unit(max(edge_of(x, box[0]), edge_of(y, box[1])))
     x, y, box = x * scale, y * scale, (box[0] * scale, box[1] * scale)
     style: dict[str, Any] = {"fill": False, "edgecolor": hex_of(VERMILLION), "zorder": 3}
     wide.add_patch(Rectangle((-box[0], -box[1]), 2 * box[0], 2 * box[1], **style))
@@ -130,7 +130,7 @@ def draw_histogram(figure: Figure, data: PlotData) -> None:
     """Histograms of both errors with the normal curve of the same mean and standard deviation."""
     for axes, axis, colour in zip(figure.subplots(1, 2), ON_SKY, (SKY_BLUE, ORANGE), strict=True):
         values = data.used(axis.column)
-        scale, unit = unit_of(abs(float(values.mean())) if len(values) else 0.0)
+        scale, unit = angle_unit(abs(float(values.mean())) if len(values) else 0.0)
         values = values * scale
         axes.set_xlabel(f"{axis.label} ({unit})")
         axes.set_ylabel("frames")

@@ -128,7 +128,7 @@ def _gaps(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.flatnonzero(steps > max(_GAP_STEPS * usual_ns, NS_PER_S)) + 1
 
 
-def unit_of(edge_arcsec: float) -> tuple[float, str]:
+def angle_unit(edge_arcsec: float) -> tuple[float, str]:
     """The unit of an axis that reaches to this edge, and its size: degrees from one degree on."""
     return (1 / 3600, "deg") if edge_arcsec >= _ARCSEC_PER_DEG else (1.0, "arcsec")
 

@@ -18,7 +18,6 @@ from gse.station.parameters import parameter_differences, parameters_of, paramet
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Outcome, Row
-from gse.statistics.decision import Row as DecisionRow
 from gse.statistics.excuses import excusing
 from gse.statistics.incidents import Incident
 from gse.statistics.metrics import metrics
@@ -301,7 +300,7 @@ def _items(session: SessionData) -> Iterator[dict[str, Any]]:
             }
 
 
-def _row(session: SessionData, row: DecisionRow) -> dict[str, Any]:
+def _row(session: SessionData, row: Row) -> dict[str, Any]:
     values = {field.name: getattr(row, field.name) for field in dataclasses.fields(row)}
     return values | {"coverage_factor": COVERAGE_FACTOR, "requirement": requirement_of(session, row)}
 

@@ -14,10 +14,8 @@ import pyarrow as pa
 from gse.station.columns import UNITS, unit_of
 from gse.station.results import Subject
 
-# Columns of the tables: a name says the unit, metadata say unit and subject.
-
 SCHEMA_VERSION = 1
-"""Version of the three tables. It grows where a column goes or changes its name, type or meaning, not for a new
+"""Version of all tables. It grows where a column goes or changes its name, type or meaning, not for a new
 column."""
 
 _UTC = "UTC"

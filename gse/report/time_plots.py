@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, PercentFormatter
 from numpy.typing import NDArray
 
 from gse.report.paper import LIMIT_DEG
-from gse.report.plot_data import PlotData, close_edge_of, edge_of, extremes, sample, unit_of
+from gse.report.plot_data import PlotData, angle_unit, close_edge_of, edge_of, extremes, sample
 from gse.report.svg import set_margins
 from gse.station.columns import SKY_CONDITIONS
 from gse.station.events import StationKind
@@ -44,7 +44,7 @@ def draw_errors(figure: Figure, data: PlotData) -> None:
 
 def _error_panel(axes: Axes, data: PlotData, axis: Axis, limit: float) -> None:
     values = np.where(data.good, data.frames[axis.column], np.nan)
-    scale, unit = unit_of(edge_of(values, limit))
+    scale, unit = angle_unit(edge_of(values, limit))
     text: str | None = f"limit {limit:g} arcsec"
     values, limit = values * scale, limit * scale
     edge = close_edge_of(values, limit)

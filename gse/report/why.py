@@ -2,7 +2,6 @@
 
 import json
 import re
-import textwrap
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -15,7 +14,7 @@ from drivers.chunk import LinkEvent
 from drivers.whole_file import new_file
 from gse.config.edit import with_values
 from gse.config.station import parse_recorded
-from gse.report.conclusion import conclusion_lines, next_steps
+from gse.report.conclusion import conclusion_lines, folded, next_steps
 from gse.report.terminal import further_lines
 from gse.station.events import StationKind
 from gse.station.results import Subject
@@ -27,7 +26,6 @@ from protocols.yaml_text import load_document
 WIDTH = 80
 _MOST_EVENTS = 12
 _MOST_REASONS = 8
-_GLUE = "\N{NO-BREAK SPACE}"
 _QUIET = {"OPENED", "SYNCING", "STREAMING", "CLOSED"}
 """The ordinary course of a session."""
 
@@ -96,26 +94,17 @@ def _why(report: dict[str, Any]) -> Iterator[str]:
 
 def _next(report: dict[str, Any], session: str) -> Iterator[str]:
     if report["verdict"] == "PASS":
-        yield from _step(f"nothing more; the report is made by: gse report {session}")
+        yield from _item(f"nothing more; the report is made by: gse report {session}")
     for step in next_steps(report):
-        yield from _step(step.replace("SESSION", session))
+        yield from _item(step.replace("SESSION", session))
     if report["verdict"] != "PASS":
-        yield from _step(
+        yield from _item(
             f"what each message means: docs/troubleshooting.md; for a maintainer: gse why {session} --bundle FILE"
         )
 
 
-def _step(text: str) -> list[str]:
-    """Lines of a step with its command in one piece, which can be copied."""
-    whole = re.sub("gse [^;]*", lambda command: command[0].replace(" ", _GLUE), text)
-    return [line.replace(_GLUE, " ") for line in _item(whole)]
-
-
 def _item(text: str, indent: str = "  ") -> list[str]:
-    below = indent + "  "
-    return textwrap.wrap(
-        text, WIDTH, initial_indent=indent, subsequent_indent=below, break_long_words=False, break_on_hyphens=False
-    )
+    return folded(text, WIDTH, head=indent, below=indent + "  ")
 
 
 # A bundle for a maintainer: what is needed to find a fault, without the place of the mount unless it is asked for.
