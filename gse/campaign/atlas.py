@@ -4,7 +4,7 @@ A least-squares fit of a polynomial of the field and of harmonics of the pixel p
 rows each, as in gse.statistics.spatial_errors; the covariance of the coefficients is clustered by star, since all
 residuals of a star share its catalogue place. The radial part of the polynomial's first degree is the focal length.
 
-A sensor that sends whole pixels has the error of rounding beside its own: gse.campaign.atlas tells them apart.
+A sensor that sends whole pixels has the error of rounding beside its own: ``without_rounding`` tells them apart.
 """
 
 import math

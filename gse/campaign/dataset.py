@@ -210,7 +210,7 @@ class DataSet:
     def sessions(self, columns: Sequence[str] | None = None, packed_rows: Mapping[str, bytes] = _NONE) -> pa.Table:
         """The rows of all sessions, with sensor and night, without report.json; from the index where that has them.
 
-        ``packed_rows`` by key are not read from files either (gse.campaign.dataset); they have all columns.
+        ``packed_rows`` by key are not read from files either; they have all columns.
         """
         wanted = None if columns is None else list(dict.fromkeys((*columns, "sensor", "night", "key")))
         places = self.committed()

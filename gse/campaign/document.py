@@ -17,8 +17,9 @@ from gse.campaign.nights import Session, by_night, nightly, sessions_of, with_an
 from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
 from gse.campaign.star_places import SIGMAS
 from gse.campaign.trends import thermal, trends
-from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER
+from gse.report.paper import LIMIT_DEG, PAPER, PaperRow
 from gse.report.result_key import software_sha256
+from gse.report.summary import table_row
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import DECISION_TEXT, Outcome
 from gse.values.limits import Decision
@@ -55,7 +56,8 @@ def campaign_document(
             for one in left_out
         ],
         "table_4_1": {
-            "rows": [row for sensor in sensors for row in sensor["table_4_1"]] + _paper(),
+            "rows": [row for sensor in sensors for row in sensor["table_4_1"]]
+            + [{**table_row(row), "own": False} for row in PAPER],
             "limit_deg": LIMIT_DEG,
         },
     }
@@ -194,30 +196,9 @@ def _table_row(name: str, nights: dict[str, list[Session]], subject: str, rows: 
     means = [list(nightly(nights, f"{subject}_mean_abs_{axis}_deg").values()) for axis in ("d_ra", "d_de")]
     d_ra, d_de = (float(np.mean(values)) if values else math.nan for values in means)
     time_ms = next((row.value for row in rows if row.subject == subject and row.name in _TIMES), math.nan)
-    return {
-        "name": f"{name}, {subject}, {count_text(len(nights), 'night')}",
-        "own": True,
-        "mean_d_ra_deg": d_ra,
-        "mean_d_de_deg": d_de,
-        "mean_d_ra_arcmin": d_ra * ARCMIN_PER_DEG,
-        "mean_d_de_arcmin": d_de * ARCMIN_PER_DEG,
-        "time": f"{time_ms:.3g} ms" if math.isfinite(time_ms) else "not recorded",
-    }
-
-
-def _paper() -> list[dict[str, Any]]:
-    return [
-        {
-            "name": row.name,
-            "own": False,
-            "mean_d_ra_deg": row.d_ra_deg,
-            "mean_d_de_deg": row.d_de_deg,
-            "mean_d_ra_arcmin": row.d_ra_deg * ARCMIN_PER_DEG,
-            "mean_d_de_arcmin": row.d_de_deg * ARCMIN_PER_DEG,
-            "time": row.time,
-        }
-        for row in PAPER
-    ]
+    time = f"{time_ms:.3g} ms" if math.isfinite(time_ms) else "not recorded"
+    own = PaperRow(f"{name}, {subject}, {count_text(len(nights), 'night')}", d_ra, d_de, time)
+    return {**table_row(own), "own": True}
 
 
 def _plain(value: Any) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.campaign.atlas import sigmas_of_place
+from gse.values.constants import MAD_TO_SIGMA
 
 SIGMAS = 5.0
 """A star is named from so many standard deviations on."""
@@ -20,7 +21,7 @@ MIN_BLOCKS = 5
 BLOCK_NS = 60_000_000_000
 _TURNS = 60
 _SETTLED_ARCSEC = 0.01
-_SHARES = ((50.0, 1.4826), (90.0, 0.6080))
+_SHARES = ((50.0, MAD_TO_SIGMA), (90.0, 0.6080))
 """Percentiles of the absolute value of a normal deviate, and what makes a standard deviation of each."""
 _ROBUST_STARS = 10
 
