@@ -39,6 +39,13 @@ def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
     return rotation
 
 
+def horizon_axes(longitude: float, latitude: float) -> NDArray[np.float64]:
+    """East, north and up at a place by its angles in radians: rows (3, 3) in Earth-fixed axes."""
+    sin_l, cos_l, sin_b, cos_b = math.sin(longitude), math.cos(longitude), math.sin(latitude), math.cos(latitude)
+    east, north = [-sin_l, cos_l, 0.0], [-sin_b * cos_l, -sin_b * sin_l, cos_b]
+    return np.array([east, north, [cos_b * cos_l, cos_b * sin_l, sin_b]])
+
+
 def mount_of(rotation: NDArray[np.float64]) -> Mount:
     """The angles of a rotation (3, 3) from the horizon frame to the sensor frame.
 

@@ -83,8 +83,8 @@ def _remove(
         #
         #     d cos(shift) + (d cos z - up) sin(shift) / sin z
         #
-        # written so that nothing is divided by sin z, which is zero at the zenith.
-        # tan z / sin z, the part of the formula that does not vanish at the zenith
+        # written so that nothing is divided by sin z, which is zero at the zenith: ``per_sine`` is the refraction over
+        # sin z, for tan z / sin z does not vanish there.
         per_sine = (a_rad + b_rad * (1.0 / held**2 - 1.0)) / held
         shift = per_sine * math.sqrt(max(1.0 - cos_z**2, 0.0))
         away = per_sine * (math.sin(shift) / shift if shift > 0.0 else 1.0)

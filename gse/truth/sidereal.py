@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.errors import UsageError
-from gse.truth.frames import horizon_to_sensor
+from gse.truth.frames import horizon_axes, horizon_to_sensor
 from gse.truth.orientation import EarthOrientation
 from gse.truth.refraction import Refraction
 from gse.values.attitude import Attitude, Attitudes
@@ -207,8 +207,4 @@ def _place(site: Site, *, geodetic: bool) -> tuple[NDArray[np.float64], float]:
     speed_c = math.hypot(position_m[0], position_m[1]) * EARTH_RATE_RAD_PER_S / LIGHT_M_PER_S
     if not geodetic:
         latitude = math.atan2(position_m[2], math.hypot(position_m[0], position_m[1]))
-    sin_l, cos_l, sin_b, cos_b = math.sin(longitude), math.cos(longitude), math.sin(latitude), math.cos(latitude)
-    east = [-sin_l, cos_l, 0.0]
-    north = [-sin_b * cos_l, -sin_b * sin_l, cos_b]
-    up = [cos_b * cos_l, cos_b * sin_l, sin_b]
-    return np.array([east, north, up]), speed_c
+    return horizon_axes(longitude, latitude), speed_c

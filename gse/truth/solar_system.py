@@ -11,6 +11,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.truth.frames import horizon_axes
 from gse.values.constants import AU_M, DAY_S, LIGHT_M_PER_S
 from gse.values.instant import NS_PER_DAY, UNIX_EPOCH_JD, to_julian_date
 from gse.values.matrices import product
@@ -98,11 +99,7 @@ def _site_horizon_au(site: Site) -> NDArray[np.float64]:
 @functools.lru_cache(maxsize=16)
 def _earth_to_horizon(site: Site) -> NDArray[np.float64]:
     """The rotation (3, 3) from Earth-fixed axes to east, north and up of a site; not to be written to."""
-    longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
-    sin_l, cos_l, sin_b, cos_b = math.sin(longitude), math.cos(longitude), math.sin(latitude), math.cos(latitude)
-    return np.array(
-        [[-sin_l, cos_l, 0.0], [-sin_b * cos_l, -sin_b * sin_l, cos_b], [cos_b * cos_l, cos_b * sin_l, sin_b]]
-    )
+    return horizon_axes(math.radians(site.longitude_deg), math.radians(site.latitude_deg))
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
