@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 from gse.errors import UsageError
 from gse.identifier import Identification
 from gse.values.camera import Camera
-from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.constants import ARCSEC_PER_RAD, MAD_TO_SIGMA
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import pinv, product
 from gse.values.mount import InertialUncertainty
@@ -39,7 +39,7 @@ _REACH = 0.5
 """Of half of the screen's width: stars that all stand nearer to its middle do not show its distortion."""
 _LEAST_TURN_DEG_PER_S = 0.02
 """A scene that turns more slowly does not show the latency: 10 ms of it are a pixel's hundredth."""
-_ROUNDS, _CLIP_SIGMA, _MAD_TO_SIGMA, _LEAST_CLIP_RAD = 8, 5.0, 1.4826, 1e-7
+_ROUNDS, _CLIP_SIGMA, _LEAST_CLIP_RAD = 8, 5.0, 1e-7
 _HALF_S = 0.005
 _OFTEN, _LIGHT_NOISE = 0.8, 0.2
 _LEAST_RANGE_MAG = 1.0
@@ -115,7 +115,7 @@ def fit_screen(seen: ScreenStars, sky: ShownSky, stated: Screen, sensor: Camera,
         part = geometry.rows(kept)
         fit = least_squares(part.residuals, values, x_scale="jac")
         values, off = fit.x, np.hypot(*geometry.residuals(fit.x).reshape(-1, 2).T)
-        before, kept = kept, off <= max(_CLIP_SIGMA * _MAD_TO_SIGMA * float(np.median(off[kept])), _LEAST_CLIP_RAD)
+        before, kept = kept, off <= max(_CLIP_SIGMA * MAD_TO_SIGMA * float(np.median(off[kept])), _LEAST_CLIP_RAD)
         if (kept == before).all():
             break
     half_widths = _clustered_half_widths(np.asarray(fit.jac), fit.fun, np.repeat(seen.star[before], 2))

@@ -78,8 +78,8 @@ class PanoramaSample:
                 self._every *= 2
         self._count += 1
 
-    def percentiles(self, count: int) -> list[Panorama]:
-        """Some of the panoramas, from the whole length."""
+    def spread(self, count: int) -> list[Panorama]:
+        """At most so many of the panoramas, evenly from the whole length."""
         places = np.unique(np.linspace(0, len(self.panoramas) - 1, min(count, len(self.panoramas))).astype(int))
         return [self.panoramas[place] for place in places.tolist()]
 
@@ -116,7 +116,7 @@ def calibrate_session(
     length) and aberration (0.01 %) in the result. ``tangential`` distortion is fitted on request. UsageError where
     nothing can be identified.
     """
-    panoramas, tried = sample.percentiles(MAX_PANORAMAS), sample.percentiles(_TRIED)
+    panoramas, tried = sample.spread(MAX_PANORAMAS), sample.spread(_TRIED)
     if not panoramas:
         raise UsageError("the session holds no panorama; expected some hundred to calibrate on")
     before = len(_identified(tried, camera, identifier))
@@ -152,14 +152,14 @@ def identified(sample: PanoramaSample, camera: Camera, identifier: Identifier) -
     So no star is left out because it stands elsewhere than the stated camera has it. UsageError where nothing answers.
     """
     fitted = calibrate_session(sample, camera, identifier, None, tangential=True).calibration.camera
-    return _identified(sample.percentiles(MAX_PANORAMAS), fitted, identifier), fitted
+    return _identified(sample.spread(MAX_PANORAMAS), fitted, identifier), fitted
 
 
 def star_fields(
     sample: PanoramaSample, camera: Camera, identifier: Identifier, truth: SiderealTruth | None
 ) -> list[StarField]:
     """The panoramas of a sample that a camera identifies, with the directions in which their stars are seen."""
-    found = _identified(sample.percentiles(MAX_PANORAMAS), camera, identifier)
+    found = _identified(sample.spread(MAX_PANORAMAS), camera, identifier)
     return [_field(item, identifier, truth) for item in found]
 
 

@@ -176,7 +176,7 @@ def test_a_sample_keeps_panoramas_from_the_whole_session():
     sample = PanoramaSample()
     for number in range(5000):
         sample.add(Panorama(number, np.empty((0, 2)), np.empty(0), number))
-    numbers = [panorama.frame_no for panorama in sample.percentiles(100)]
+    numbers = [panorama.frame_no for panorama in sample.spread(100)]
     assert len(numbers) == 100
     assert numbers[0] < 50
     assert numbers[-1] > 4900

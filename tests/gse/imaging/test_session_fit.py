@@ -38,9 +38,9 @@ def test_a_sample_is_even_bounded_and_reaches_over_the_whole_session(count):
 
 
 def test_some_of_a_sample_are_as_many_as_asked_first_and_last_among_them():
-    assert numbers(filled(11).percentiles(3)) == [0, 5, 10]
-    assert numbers(filled(3).percentiles(5)) == [0, 1, 2]
-    assert filled(0).percentiles(5) == []
+    assert numbers(filled(11).spread(3)) == [0, 5, 10]
+    assert numbers(filled(3).spread(5)) == [0, 1, 2]
+    assert filled(0).spread(5) == []
 
 
 def named(xy_px, stars):
