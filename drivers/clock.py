@@ -1,4 +1,4 @@
-"""Health of the host clock, from the kernel."""
+"""The host clock: the time of an instant, with the kernel's word on how good it is."""
 
 import ctypes
 import sys

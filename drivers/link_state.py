@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
 from operator import lt, sub
 
-from drivers.chunk import Chunk, LinkEvent, LinkKind
+from drivers.chunk import NS_PER_S, Chunk, LinkEvent, LinkKind
 
 UNKNOWN = ""
 """The state before the first event or byte: a simulated port has no event OPENED."""
@@ -29,7 +29,6 @@ _IN_INTERVALS = 2
 SAMPLE_BYTES = 4096
 FEW_VALUES = 16
 """A line read with a much too high baud rate gives few byte values, a frame of any protocol many more."""
-_NS = 1_000_000_000
 _NO_START = {"no sync", "truncated"}
 _SYNCING = LinkKind.SYNCING  # a look into an enumeration takes a fifth of the time of a chunk here
 _BYTES_COME = (LinkKind.SYNCING, LinkKind.STREAMING)
@@ -48,7 +47,7 @@ class LinkMonitor:
     ) -> None:
         self.state = UNKNOWN
         self._baudrate = baudrate
-        self._silence_ns = round(silence_s * _NS)
+        self._silence_ns = round(silence_s * NS_PER_S)
         self._explain = explain
         self._frames_ns: deque[int] = deque(maxlen=_LAST_FRAMES)
         self._utc_minus_mono_ns = 0
@@ -146,13 +145,17 @@ class LinkMonitor:
         *_, second, _ = [0, 0, *sorted(after - before for before, after in pairwise(self._frames_ns))]
         return max(self._silence_ns, _IN_INTERVALS * second)
 
+    @property
+    def _patience_s(self) -> float:
+        return self._patience_ns / NS_PER_S
+
     def _silence_changes(self, due_ns: int) -> list[LinkEvent]:
         if self.state == LinkKind.STREAMING and self._unframed_bytes == 0:
             return self._change(LinkKind.STALE, due_ns, self._nothing_comes())
         self._silence_reported = True
         if self.state == LinkKind.WAITING:
             text = (
-                f"the port is open, but no bytes for {self._patience_ns / _NS:g} s: check the sensor; one that waits "
+                f"the port is open, but no bytes for {self._patience_s:g} s: check the sensor; one that waits "
                 "for a command is asked with `sensor: {start: {period_ms: 100}}` or `poll` in the station file; if "
                 "it is another sensor's port, 'gse ports' shows names that stay"
             )
@@ -183,10 +186,10 @@ class LinkMonitor:
         return LinkEvent(mono_ns + self._utc_minus_mono_ns, mono_ns, kind, text)
 
     def _nothing_comes(self) -> str:
-        return f"nothing comes any more: no bytes for {self._patience_ns / _NS:g} s"
+        return f"nothing comes any more: no bytes for {self._patience_s:g} s"
 
     def _why_no_frames(self) -> str:
-        head = f"{self._unframed_bytes} bytes in {self._patience_ns / _NS:g} s, but no valid frame: "
+        head = f"{self._unframed_bytes} bytes in {self._patience_s:g} s, but no valid frame: "
         if explained := self._explain(bytes(self._sample)):
             return head + explained
         if reasons := sorted(self._reasons - _NO_START):
