@@ -155,10 +155,10 @@ def _plain_list(lines: _Lines) -> StarCatalog:
 def _table(lines: _Lines) -> StarCatalog:
     ids = lines.ids()
     icrs = np.column_stack([lines.column(axis) for axis in "xyz"])
-    for (line, _), norm in zip(lines.rows, np.linalg.norm(icrs, axis=1).tolist(), strict=True):
+    norms = np.linalg.norm(icrs, axis=1)
+    for (line, _), norm in zip(lines.rows, norms.tolist(), strict=True):
         if abs(norm - 1) > _UNIT_WITHIN:
             raise lines.error(line, f"x, y, z has the length {norm:.6f}: expected a unit vector")
-    norms = np.linalg.norm(icrs, axis=1)
     icrs /= np.where(np.abs(norms - 1) < _EXACT_WITHIN, 1.0, norms)[:, None]
     magnitude = lines.column("magnitude") if "magnitude" in lines.names else np.zeros(len(ids))
     try:

@@ -131,10 +131,14 @@ class SensorFirmware:
     def switch(self, utc_ns: int, *, on: bool) -> None:
         """Switch its supply: off it says nothing, on it starts anew."""
         self._resets_ns = [reset_ns for reset_ns in self._resets_ns if reset_ns > utc_ns]
-        boot_s = self._traits.boot_s * float(self._random.uniform(1, _SLOWEST_BOOT))
-        self._power_on(utc_ns, utc_ns + round(boot_s * NS_PER_S) if on else LAST_NS)
+        boot_ns = self._boot_ns()
+        self._power_on(utc_ns, utc_ns + boot_ns if on else LAST_NS)
         if not on:
             self._next_start_ns = None
+
+    def _boot_ns(self) -> int:
+        """How long this start takes: no two take the same time to the microsecond."""
+        return round(self._traits.boot_s * float(self._random.uniform(1, _SLOWEST_BOOT)) * NS_PER_S)
 
     @property
     def due_ns(self) -> int | None:
@@ -154,9 +158,7 @@ class SensorFirmware:
             return []
         if self._resets_ns and due_ns == self._resets_ns[0]:
             del self._resets_ns[0]
-            # No two starts take the same time to the microsecond.
-            boot_s = self._traits.boot_s * float(self._random.uniform(1, _SLOWEST_BOOT))
-            self._power_on(due_ns, due_ns + round(boot_s * NS_PER_S))
+            self._power_on(due_ns, due_ns + self._boot_ns())
             return []
         if self._late and due_ns == min(self._late, key=itemgetter(0))[0]:
             late = min(self._late, key=itemgetter(0))

@@ -20,7 +20,7 @@ from gse.values.screen import Screen
 
 # Where a mount points: turns of the head, one after the other.
 #
-# Written from the words of gse.config.Mount, not from gse.truth, so that the one can be tested by the other.
+# Written from the words of gse.values.mount, not from gse.truth, so that the one can be tested by the other.
 
 
 def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:

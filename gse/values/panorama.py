@@ -67,8 +67,8 @@ MAX_OBJECTS = 30
 class Panorama:
     """The objects of one exposure, brightest first, at the UTC of mid-exposure.
 
-    ``xy_px`` is (N, 2), columns x then rows y, 0-based at pixel centres; ``index`` is (N,), the brightness on the
-    sensor's scale; ``flags`` are the fault bits of the sensor by name (``overexposed``, ``detector fault``, ...).
+    ``xy_px`` is (N, 2), columns x then rows y, 0-based at pixel centres; ``brightness`` is (N,), on the sensor's own
+    scale; ``flags`` are the fault bits of the sensor by name ("overexposed", "detector fault", ...).
     ``time_us`` is the sensor's own clock, ``host_utc_ns`` the host's when the frame's first byte was read, 0 if
     unknown, ``sequence`` the frame's number on the wire, ``problems`` what the sensor should not have sent, in words.
     ``wire_rows`` (N,) is the place of each object on the wire, None where that is its place here.
