@@ -351,8 +351,7 @@ def run_session(
         _list_unfinished(asked.out)
         if procedure is not None:
             _say_how_power_was_left(asked.out)
-        if not _wait_for_begin(station, asked, ending):
-            return EXIT_INTERRUPTED
+        _wait_for_begin(station, asked, ending)
         duration_s = _duration_s(station, asked)
         with outputs, served(stage, say_line):
             report, found = session.run(receive, ending, asked.clock_error_s, plots=asked.plots)
@@ -478,19 +477,16 @@ def waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
 _LOOK_EVERY_S = 0.5
 
 
-def _wait_for_begin(station: Station, asked: Asked, ending: Ending) -> bool:
-    """Wait for the instant of --from; False where a signal asked for the end before."""
+def _wait_for_begin(station: Station, asked: Asked, ending: Ending) -> None:
+    """Wait for the instant of --from, or until a signal asks for the end."""
     if asked.from_text is None:
-        return True
+        return
     utc_ns = night.begin_ns(asked.from_text, station.site, read_clock().utc_ns, asked.until_text)
     if utc_ns > read_clock().utc_ns:
         say_line(f"waiting until {instant.to_text(utc_ns, 0)}; Ctrl-C ends it")
     pause = threading.Event()
-    while read_clock().utc_ns < utc_ns:
-        if ending.asked():
-            return False
+    while read_clock().utc_ns < utc_ns and not ending.asked():
         pause.wait(_LOOK_EVERY_S)
-    return True
 
 
 def _duration_s(station: Station, asked: Asked) -> float | None:

@@ -15,6 +15,7 @@ from astropy.utils import iers
 from devices.command_line import Gse
 from devices.patience import PATIENCE_S
 
+from gse.cli import EXIT_INTERRUPTED
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
 from gse.sessions.night import _alone, begin_ns, end_ns, next_dusk_ns
@@ -107,3 +108,14 @@ def test_every_night_is_a_session_of_its_own_with_a_line_in_the_morning_until_it
         series.wait(PATIENCE_S)
     assert Path(line[1]).parent == tmp_path
     assert (Path(line[1]) / "report.json").is_file()
+
+
+def test_a_session_that_is_ended_while_it_waits_receives_nothing(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gse", "run", "--port", "sim://", "--from", "2099-01-01T00:00:00Z"]
+    with subprocess.Popen([*command, "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True) as waiting:
+        assert waiting.stderr is not None
+        assert next(text for text in waiting.stderr if text.startswith("waiting until 2099-01-01"))
+        os.kill(waiting.pid, signal.SIGINT)
+        waiting.stderr.read()
+        assert waiting.wait(PATIENCE_S) == EXIT_INTERRUPTED
+    assert not (tmp_path / "out").exists()
