@@ -90,6 +90,7 @@ class FieldDescription(DescriptionPart):
     max: float | None = None
     bits: dict[Annotated[int, Field(strict=True, ge=0, le=63)], Word] | None = None
     values: dict[Annotated[int, Field(strict=True)], Word] | None = None
+    words: dict[Word, Annotated[int, Field(strict=True)]] | None = None
     note: Note = ""
 
 

@@ -509,11 +509,9 @@ def _delimiter(description: FramingDescription, source: DescriptionSource) -> De
     for key in dict.fromkeys(key for keys in _KEYS_OF.values() for key in keys):
         if getattr(description, key) is not None and key not in known:
             raise source.error(f"a framing of the kind {description.kind} has none", ("framing", key))
-    needed = (
-        known if description.kind in (_STUFFED, _LINE) else known[:1] if description.kind in (_SYNC, _CLASS) else ()
-    )
+    needed = known if description.kind == _STUFFED else known[:1] if description.kind in (_SYNC, _CLASS) else ()
     for key in needed:
-        if getattr(description, key) is None and key != "begin":
+        if getattr(description, key) is None:
             raise source.error("is missing", ("framing", key))
     if description.kind == _STUFFED:
         _check_stuffing(description, source)

@@ -105,6 +105,11 @@ def check_words(field: FieldDescription, source: DescriptionSource, path: Path) 
     many = bits(field)[1]
     if field.value is not None and field.value >= 2**many:
         raise source.error(f"{field.value} does not fit its {many} bits", (*path, "value"))
+    for word, number in (field.words or {}).items():
+        if field.type != "word":
+            raise source.error("a field of the type `word` has them, no other", (*path, "words"))
+        if number not in (field.values or {}):
+            raise source.error(f"{word} is {number}, and `values` names no such number", (*path, "words"))
     for key, words, largest in (("bits", field.bits or {}, many - 1), ("values", field.values or {}, 2**many - 1)):
         for number in words:
             if number > largest:

@@ -226,7 +226,8 @@ def _field(
         case "iso":
             return TextField("q", _iso, _iso_text)
         case "word":
-            named = words if kind is Kind.COMMAND else {word: number for number, word in (field.values or {}).items()}
+            own = field.words or {word: number for number, word in (field.values or {}).items()}
+            named = words if kind is Kind.COMMAND else own
             if not named:
                 raise source.error("a word needs `values`", (*path, "type"))
             return TextField("q", lambda word: _named(named, word), lambda number: _name(named, number))

@@ -233,7 +233,8 @@ def line(piece: DecodedPiece, protocol: Protocol) -> str:
         return f"{piece.direction}  {time}{item.start:>10} {len(item.data):>5}  discarded: {item.reason}"
     number = f" {item.sequence}" if item.sequence >= 0 else ""
     arrival = piece.arrival.value if piece.arrival and piece.arrival.value != "next" else ""
-    notes = [_shown(piece.message), *sorted(protocol.flags_of(item)), arrival, *_problems(piece.message)]
+    items = ", ".join(f"{name} {_text(value)}" for name, value in _items(item, protocol).items())
+    notes = [_shown(piece.message), items, *sorted(protocol.flags_of(item)), arrival, *_problems(piece.message)]
     text = "  ".join(note for note in notes if note)
     return f"{piece.direction}  {time}{item.start:>10} {item.size:>5}  {item.type}{number}  {text}".rstrip()
 
@@ -286,6 +287,13 @@ def _values(message: Message) -> dict[str, Any]:
     }
 
 
+def _items(frame: Frame, protocol: Protocol) -> dict[str, Any]:
+    """The items that the description of a message names beside its standard fields."""
+    message = protocol.description.every_message.get(frame.type)
+    names = {item.name for item in message.items} if message else ()
+    return {name: _plain(value) for name, value in protocol.items_of(frame).items() if name in names} if names else {}
+
+
 def _is_nan(value: Any) -> bool:
     return isinstance(value, float) and math.isnan(value)
 
@@ -327,6 +335,7 @@ def piece_json(piece: DecodedPiece, protocol: Protocol) -> dict[str, Any]:
         "arrival": piece.arrival.value if piece.arrival else None,
         "flags": sorted(protocol.flags_of(item)),
         "message": _message_json(piece.message),
+        **({"items": items} if (items := _items(item, protocol)) else {}),
         "problems": list(piece.message.problems),
     }
 

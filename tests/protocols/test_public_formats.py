@@ -14,6 +14,7 @@ from spacepackets.ccsds.spacepacket import PacketType, SequenceFlags, SpacePacke
 from protocols import (
     Ack,
     Command,
+    DescriptionError,
     Discard,
     Frame,
     FrameDecoder,
@@ -330,3 +331,36 @@ messages:
     assert message.index.tolist() == [2, 1]  # the order of the wire is that of brightness
     assert protocol.encode(Command("PING"), 0) == bytes.fromhex("1F7F1FFF")
     assert reasons(found_in(protocol, bytes.fromhex("1F7F00101F7F0010001FFF"))) == ["bad length", "PANORAMA"]
+
+
+FIXES = """\
+version: 1
+name: fixes
+byte_order: big
+framing: {kind: line}
+header: [{name: type, type: word}]
+checksum: {name: none}
+messages:
+  ATTITUDE:
+    code: ATT
+    direction: from sensor
+    fields:
+      - {name: time, type: decimal, unit: ms}
+      - {name: state, type: word, values: {0: lost, 1: acquired}, words: {FIX: 1, NOFIX: 0, DARK: 0}}
+      - {name: ra, type: decimal, unit: h}
+      - {name: de, type: decimal, unit: deg}
+    items:
+      - {name: optics_degc, type: decimal, unit: degC}
+"""
+
+
+def test_words_of_a_line_may_be_others_than_their_names() -> None:
+    protocol, lines = parse_protocol(FIXES, "fixes"), "ATT,100,FIX,6,-45.5,21.5\nATT,200,DARK,0,0,21\n"
+    frames = [piece for piece in FrameDecoder(protocol).feed(lines.encode()) if isinstance(piece, Frame)]
+    assert [protocol.decode(frame).state for frame in frames] == ["acquired", "lost"]
+    sent = [protocol.encode(protocol.decode(frame), 0, items=protocol.items_of(frame)) for frame in frames]
+    assert b"".join(sent).split(b",")[2::5] == [b"FIX", b"NOFIX"]
+    with pytest.raises(DescriptionError, match=r"words: BUSY is 2, and `values` names no such number"):
+        parse_protocol(FIXES.replace("DARK: 0", "BUSY: 2"), "fixes")
+    with pytest.raises(DescriptionError, match=r"words: a field of the type `word` has them"):
+        parse_protocol(FIXES.replace("state, type: word", "state, type: decimal"), "fixes")

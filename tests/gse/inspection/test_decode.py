@@ -191,3 +191,22 @@ def test_numbers_are_counted_as_the_description_says(tmp_path: Path) -> None:
     assert [piece.arrival.value for piece in decoding if piece.arrival] == ["next"] * 7 + ["duplicate"]
     totals = decoding.totals["rx"]
     assert (totals.duplicates, totals.frames_lost, totals.resets) == (1, 0, 0)
+
+
+def test_items_are_shown_beside_their_message(tmp_path: Path) -> None:
+    description = """\
+extends: text-lines
+name: lines-with-items
+messages:
+  STATUS:
+    code: STAT
+    direction: from sensor
+    fields: [{name: time, type: decimal, unit: us}]
+    items: [{name: optics_degc, type: decimal, unit: degC}, {name: heater, type: word, values: {0: idle, 1: busy}}]
+"""
+    (tmp_path / "items.yaml").write_text(description, encoding="utf-8")
+    (tmp_path / "lines.txt").write_text("$STAT,7,1000,21.5,busy*21\n", encoding="utf-8")
+    shown = decode(tmp_path / "lines.txt", "--protocol", tmp_path / "items.yaml").stdout
+    assert "serial 0  optics_degc 21.5, heater busy\n" in shown
+    of_json = decode(tmp_path / "lines.txt", "--protocol", tmp_path / "items.yaml", "--json").stdout
+    assert json.loads(of_json.splitlines()[0])["items"] == {"optics_degc": 21.5, "heater": "busy"}
