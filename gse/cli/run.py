@@ -395,7 +395,8 @@ class OneSession:
             lost = "; ".join(part for part in (lost, live.damage) if part)
             found = [(EXIT_DATA_LOST, lost)] if lost else []
             if live.left_bytes:
-                left = f"{live.left_bytes} received bytes are recorded, but not processed: this computer is too slow"
+                why = "Ctrl-C came again" if ending.leaves else "this computer is too slow"
+                left = f"{live.left_bytes} received bytes are recorded, but not processed: {why}"
                 return None, [*found, (EXIT_INTERRUPTED, f"{left}; make the report with: gse report {live.folder}")]
             report = self._judged(live, ending, clock_error_s, plots=plots)
             return report, applied(report, live.folder, data_lost=lost)
