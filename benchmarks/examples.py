@@ -31,6 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 GSE = str(Path(sys.executable).with_name("gse"))
 SESSION = "sessions/20260320T183000Z-ST-1"
 NIGHT = ROOT / "replays" / "night-sky"
+REAL_SKY = ROOT / "benchmarks" / "real-sky"
 TEXTS = sorted(
     path
     for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))
@@ -52,7 +53,7 @@ SHORTER = (
     ("--seconds 600", "--seconds 30"),
     ("--frames 1000", "--frames 100"),
     ("--preset lapan", "--preset lapan --frames 20"),
-    ("--panoramas replays/night-sky", "--panoramas replays/night-sky --frames 50"),
+    ("--panoramas benchmarks/real-sky", "--panoramas benchmarks/real-sky --frames 50"),
     ("gse ci replays", "gse ci replays/golden"),
     ("gse config init roof.yaml", "rm -f another.yaml; gse config init another.yaml"),
     ("campaign report dataset --out campaign", "campaign report dataset --out page"),
@@ -108,10 +109,11 @@ def prepared(folder: Path) -> Iterator[None]:
                 f"cp {ROOT}/replays/golden/own-answers.mcap sessions/20260320T183000Z-sensor/session.mcap",
                 "cp nights/one.mcap session.mcap; cp nights/one.mcap before.mcap; cp nights/one.mcap after.mcap",
                 "gse session export session.mcap --format raw --out capture.bin",
-                f"cp {NIGHT}/tables/rooftop-alt60-azi45.csv panorama.csv",
+                f"cp {REAL_SKY}/tables/rooftop-alt60-azi45.csv panorama.csv",
                 f"cp {ROOT}/replays/golden/clear.mcap .",
                 "printf 'extends: panorama-v1\\nname: mine\\n' > sensor.yaml",
-                f"ln -s {ROOT}/protocols .; mkdir -p replays/golden; cp -r {NIGHT} replays",
+                f"ln -s {ROOT}/protocols .; mkdir -p replays/golden benchmarks",
+                f"cp -r {NIGHT} replays; cp -r {REAL_SKY} benchmarks",
                 f"cp $(ls -S {ROOT}/replays/golden/*.mcap | tail -1) replays/golden; gse ci replays/golden --update",
             ):
                 shell(line, folder)

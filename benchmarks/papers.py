@@ -153,7 +153,7 @@ def lapan(count: int) -> None:
     print(f"| S11 | arc cosine in single precision, of 10,000 angles to 20 deg | {arc_cosine_errors()} |")
     for (row, what, _, _), cell in zip(LAPAN_ROWS, rows, strict=True):
         print(f"| {row} | {what} | {shares(cell)} |")
-    cases = read_set(ROOT / "replays" / "night-sky").cases
+    cases = read_set(ROOT / "benchmarks" / "real-sky").cases
     for selection in ("first-fit", "all-fit"):
         kinds = [score.kind for score in scores(IdentifierOptions(selection=selection), cases, "gaia")]
         print(f"| S22 | `{selection}`, real panoramas | {kinds.count('right')} of {len(kinds)} right |")

@@ -44,7 +44,7 @@ COMMANDS = (
     "decode session.mcap",
     "session verify session.mcap",
     "simulate --seconds 60",
-    f"identify {NIGHT}/tables/rooftop-alt60-azi45.csv --station {NIGHT}/rooftop-alt60-azi45.yaml",
+    f"identify {ROOT}/benchmarks/real-sky/tables/rooftop-alt60-azi45.csv --station {NIGHT}/rooftop-alt60-azi45.yaml",
 )
 _STEERING = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 

@@ -36,7 +36,7 @@ LATENCY_FRAMES = 200
 FAST_HZ, FAST_S = 400, 5
 GSE = [str(Path(sys.executable).parent / "gse")]
 ROOT = Path(__file__).parent.parent
-TABLE = ROOT / "replays/night-sky/tables/rooftop-alt60-azi45.csv"
+TABLE = ROOT / "benchmarks/real-sky/tables/rooftop-alt60-azi45.csv"
 STATION = ROOT / "replays/night-sky/rooftop-alt60-azi45.yaml"
 
 Row = tuple[str, str, str]

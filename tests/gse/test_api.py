@@ -22,7 +22,7 @@ from gse.report.stars_table import stars_schema
 
 ROOT = Path(__file__).parents[2]
 STATION = ROOT / "replays/night-sky/rooftop-alt60-azi45.yaml"
-TABLE = ROOT / "replays/night-sky/tables/rooftop-alt60-azi45.csv"
+TABLE = ROOT / "benchmarks/real-sky/tables/rooftop-alt60-azi45.csv"
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[3]
 NIGHT_SKY = ROOT / "replays/night-sky"
 IDENTIFY = (
     "identify",
-    str(NIGHT_SKY / "tables/rooftop-alt60-azi45.csv"),
+    str(ROOT / "benchmarks/real-sky/tables/rooftop-alt60-azi45.csv"),
     "--station",
     str(NIGHT_SKY / "rooftop-alt60-azi45.yaml"),
 )

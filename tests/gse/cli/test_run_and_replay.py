@@ -17,6 +17,7 @@ from drivers.session_file.writer import CaptureWriter
 from gse.config.station import BUILT_IN_TEXT
 
 NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
+REAL_SKY = Path(__file__).parents[3] / "benchmarks" / "real-sky"
 REPORTS = ("report.json", "report.html", "frames.csv", "junit.xml")
 ONE_PANORAMA = re.compile(r" frame \d+:")
 
@@ -186,7 +187,7 @@ def test_a_raw_capture_without_a_start_is_asked_for_it(gse: Gse, tmp_path: Path)
 @pytest.mark.parametrize("identifier", ["neighbour", "pivot", "match-group", "robust"])
 def test_each_identifier_names_the_stars_of_a_real_panorama(gse: Gse, identifier: str) -> None:
     name = "rooftop-alt60-azi45"
-    table, station = NIGHT_SKY / "tables" / f"{name}.csv", NIGHT_SKY / f"{name}.yaml"
+    table, station = REAL_SKY / "tables" / f"{name}.csv", NIGHT_SKY / f"{name}.yaml"
     done = gse("identify", table, "--station", station, "--identifier", identifier, "--json")
     frame = json.loads(done.out)
     assert done.code == 0
@@ -205,7 +206,7 @@ def test_too_little_sky_is_not_identified_and_exits_with_1(gse: Gse, tmp_path: P
 
 def test_all_equal_index_values_are_identified_all_the_same(gse: Gse, tmp_path: Path) -> None:
     name = "rooftop-alt60-azi45"
-    rows = (NIGHT_SKY / "tables" / f"{name}.csv").read_text().splitlines()[1:]
+    rows = (REAL_SKY / "tables" / f"{name}.csv").read_text().splitlines()[1:]
     (tmp_path / "table.csv").write_text("\n".join(",".join(row.split(",")[:2]) + ",100" for row in rows))
     done = gse("identify", tmp_path / "table.csv", "--station", NIGHT_SKY / f"{name}.yaml")
     assert done.code in {0, 1}

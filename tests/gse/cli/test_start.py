@@ -16,7 +16,8 @@ A_BAR_NEEDS = "rich.progress"
 """On a terminal."""
 GOLDEN = Path(__file__).parents[3] / "replays/golden"
 REPLAYS = GOLDEN.parent / "night-sky"
-IDENTIFY = ("identify", REPLAYS / "tables/rooftop-alt60-azi45.csv", "--station", REPLAYS / "rooftop-alt60-azi45.yaml")
+TABLE = REPLAYS.parents[1] / "benchmarks/real-sky/tables/rooftop-alt60-azi45.csv"
+IDENTIFY = ("identify", TABLE, "--station", REPLAYS / "rooftop-alt60-azi45.yaml")
 BEFORE_THE_FIRST_FRAME = (
     "gse.cli.run",
     "gse.cli.live_outputs",

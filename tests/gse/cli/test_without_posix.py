@@ -44,7 +44,7 @@ def test_the_way_from_port_to_report_needs_no_posix_and_what_is_lacking_is_told_
     station = with_crlf(TABLES / "tripod-vega-05sec.yaml", tmp_path / "station.yaml")
     checked = tmp_path / "hopeless.yaml"  # no length of session passes, so that none is simulated, for seconds
     checked.write_text(station.read_text() + "limits: {d_ra_cosde_arcsec: 0.1, d_de_arcsec: 0.1, d_roll_arcsec: 0.1}\n")
-    table = with_crlf(TABLES / "tables" / "tripod-vega-05sec.csv", tmp_path / "table.csv")
+    table = with_crlf(ROOT / "benchmarks/real-sky/tables/tripod-vega-05sec.csv", tmp_path / "table.csv")
     session = "sessions/*/session.mcap"
     commands = (
         ["identify", str(table), "--station", str(station)],

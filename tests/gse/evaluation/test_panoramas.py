@@ -10,7 +10,7 @@ from gse.errors import TableError, UsageError
 from gse.evaluation.panoramas import benchmark, read_set, table
 from gse.values.identifier_options import IdentifierOptions
 
-NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
+REAL_SKY = Path(__file__).parents[3] / "benchmarks" / "real-sky"
 NAME = "rooftop-alt40-azi-135"
 
 
@@ -19,15 +19,15 @@ def folder(tmp_path):
     """Three panoramas of one image of the real sky, with its truth."""
     (tmp_path / "tables").mkdir()
     for kind in ("", "-literal", "-subpixel"):
-        shutil.copy(NIGHT_SKY / "tables" / f"{NAME}{kind}.csv", tmp_path / "tables")
-    truth = json.loads((NIGHT_SKY / "truth.json").read_text())
+        shutil.copy(REAL_SKY / "tables" / f"{NAME}{kind}.csv", tmp_path / "tables")
+    truth = json.loads((REAL_SKY / "truth.json").read_text())
     (tmp_path / "truth.json").write_text(json.dumps({NAME: truth[NAME]}))
     return tmp_path
 
 
-def test_the_33_real_tables_of_the_repository_are_a_set():
-    found = read_set(NIGHT_SKY.parent)
-    assert (found.name, len(found.cases)) == ("replays", 33)
+def test_the_42_real_tables_of_the_repository_are_a_set():
+    found = read_set(REAL_SKY)
+    assert (found.name, len(found.cases)) == ("real-sky", 42)
     names = {case.name for case in found.cases}
     assert {f"{NAME}", f"{NAME}-literal", f"{NAME}-subpixel"} <= names
 

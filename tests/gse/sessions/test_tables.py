@@ -94,12 +94,12 @@ def test_a_pause_parts_the_path_and_a_steady_turn_leaves_nothing():
 
 
 def test_a_table_of_panoramas_is_the_session_of_its_objects(gse, tmp_path):
-    source = Path("replays/night-sky/tables/rooftop-alt60-azi45.csv")
+    source = Path("benchmarks/real-sky/tables/rooftop-alt60-azi45.csv")
     lines = [line for line in source.read_text().splitlines() if line[:1].isdigit()]
     instants = [f"2026-03-20T18:00:0{number}.250Z" for number in range(3)]
     rows = [f"{at},{','.join(line.split(',')[:3])}" for at in instants for line in lines]
     (tmp_path / "night.csv").write_text("\n".join(["utc,y,x,index", *rows, "2026-03-20T18:00:04Z,0,0,0"]))
-    station = source.parent.parent / "rooftop-alt60-azi45.yaml"
+    station = Path("replays/night-sky/rooftop-alt60-azi45.yaml")
     assert gse("session", "import", tmp_path / "night.csv", "--station", station).code == 0
     out = gse("session", "export", tmp_path / "night.mcap", "--format", "csv").out
     found = list(csv.DictReader(out.splitlines()))
