@@ -34,7 +34,8 @@ from gse.values.text import count_text, percent
 
 _FEWEST = 5
 _LEAST_MOVED_PX = 2.0
-"""Whole pixels of a star stay the same while the sky moves by one: by two, none does."""
+"""Whole pixels of a star stay the same while the sky moves by one: by two, none does. So with other units of places."""
+_OFTEN_REPEATED, _MOST_PLACES = 0.2, 10_000
 
 
 def still_panoramas(session: SessionData) -> Finding | None:
@@ -43,14 +44,17 @@ def still_panoramas(session: SessionData) -> Finding | None:
     rows, place = np.unique(session.frames.matches["frame"], return_inverse=True)
     if station.mount.inertial is not None or len(rows) < _FEWEST:
         return None
-    first, last = _longest_run(rows, _pictures(session.frames.matches, place))
+    pictures = _pictures(session.frames.matches, place)
+    first, last = _longest_run(rows, pictures)
     camera = station.sensor.camera()
     declination = math.radians(float(np.nan_to_num(frames["de_true_deg"][rows[first]])))
     across = max(math.cos(declination), camera.diagonal_rad / 2)  # at the pole the field turns about its middle
+    px_per_s = EARTH_RATE_ARCSEC_PER_S * across / (camera.pixel_rad * ARCSEC_PER_RAD)
     seconds = float(frames["utc_ns"][rows[last]] - frames["utc_ns"][rows[first]]) / NS_PER_S
-    moved_px = EARTH_RATE_ARCSEC_PER_S * seconds * across / (camera.pixel_rad * ARCSEC_PER_RAD)
+    moved_px = px_per_s * seconds
     if last - first + 1 < _FEWEST or moved_px < _LEAST_MOVED_PX:
-        return None
+        step_px = px_per_s * float(np.median(np.diff(frames["utc_ns"][rows]))) / NS_PER_S
+        return _repeated(rows, pictures, step_px, _unit_px(session.frames.matches))
     return Finding(
         "frozen sensor",
         f"{last - first + 1} panoramas in a row show the same objects on the same pixels, for {seconds:.0f} s in which "
@@ -58,6 +62,27 @@ def still_panoramas(session: SessionData) -> Finding | None:
         ("a sensor that looks at a picture, not at the sky",),
         "switch the sensor off and on: it repeats one picture; ask the maker",
     )
+
+
+def _repeated(rows: NDArray[np.int64], pictures: NDArray[np.float64], step_px: float, unit_px: float) -> Finding | None:
+    """That many panoramas repeat the one before, where the sky moves on by some units of the places meanwhile."""
+    copies = int(((pictures[1:] == pictures[:-1]).all(axis=1) & (np.diff(rows) == 1)).sum())
+    is_often = copies >= max(_FEWEST, _OFTEN_REPEATED * len(rows)) and len(rows) - copies >= _FEWEST
+    if not is_often or step_px < _LEAST_MOVED_PX * unit_px:
+        return None
+    return Finding(
+        "repeated panoramas",
+        f"{copies} of {count_text(len(rows), 'panorama')} show each star exactly where the one before shows it, while "
+        f"the sky moves by {step_px:.2f} px; their time tags go on",
+        ("a sensor that sends faster than it exposes",),
+        "ask for panoramas at the rate of its exposures; the answers of the others are older than their time tags",
+    )
+
+
+def _unit_px(matches: NDArray[np.void]) -> float:
+    """The smallest step of the places, as the wire has them."""
+    fractions = np.unique(matches["x_px"][:_MOST_PLACES].astype(np.float64) % 1)
+    return float(np.diff(fractions).min()) if len(fractions) > 1 else 1.0
 
 
 def _pictures(matches: NDArray[np.void], place: NDArray[np.int64]) -> NDArray[np.float64]:

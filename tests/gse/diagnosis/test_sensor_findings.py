@@ -87,6 +87,14 @@ def test_a_shift_of_whole_frames_is_a_delay_though_it_lies_a_little_north_too(la
     assert cause in text
 
 
+@pytest.mark.parametrize(("late_s", "cause"), [(299.0, "sensor delay"), (301.0, "sensor bias")])
+def test_no_sensor_answers_more_than_five_minutes_late(late_s, cause):
+    made = session(FRAMES, step_s=2.0, noise=0.5)
+    cos_de = math.cos(math.radians(float(np.median(made.frames.columns["de_true_deg"]))))
+    (text,) = said(made, -late_s * EARTH_RATE_ARCSEC_PER_S * cos_de, noise=0.5)
+    assert cause in text
+
+
 def test_answers_that_agree_are_no_finding(night):
     assert said(night) == []
     assert sensor_findings(night, None, None) == ()

@@ -84,3 +84,42 @@ def test_five_panoramas_are_counted_from_the_first_that_is_alike(alike, is_froze
     assert found is None or found.size.startswith(
         "5 panoramas in a row show the same objects on the same pixels, for 240 s"
     )
+
+
+def sent_often(times, *, unit_px=1 / 32, frames=40, step_s=0.5):
+    """A sensor that sends each of its pictures so many times; the sky moves by 0.15 px in half a second."""
+    made = session(frames, step_s=step_s, matches=SAME_STARS)
+    made.frames.columns["de_true_deg"][:] = 0.0
+    matches = made.frames.matches
+    shown = matches["frame"].astype(int) // times * times
+    noise_units = (7 * shown + 3 * (np.arange(len(matches)) % 12)) % 5 if unit_px < 1 else 0
+    matches["x_px"] = (np.round((matches["x_px"] + shown * 0.15) / unit_px) + noise_units) * unit_px
+    return still_panoramas(made)
+
+
+def test_a_sensor_that_sends_each_picture_twice_is_told():
+    finding = sent_often(2)
+    assert finding.cause == "repeated panoramas"
+    assert finding.size.startswith(
+        "20 of 40 panoramas show each star exactly where the one before shows it, while the sky moves by 0.15 px"
+    )
+
+
+def test_pictures_that_all_differ_are_no_copies():
+    assert sent_often(1) is None
+
+
+def test_whole_pixels_that_stay_the_same_are_no_copies():
+    assert sent_often(1, unit_px=1.0) is None
+    assert sent_often(2, unit_px=1.0) is None
+
+
+@pytest.mark.parametrize(("step_s", "is_told"), [(0.19, False), (0.22, True)])
+def test_between_a_picture_and_its_copy_the_sky_moves_by_two_units_of_the_places(step_s, is_told):
+    """Of a 32nd of a pixel; 15.04 arcsec/s are 0.3 px/s."""
+    assert (sent_often(2, step_s=step_s) is not None) == is_told
+
+
+@pytest.mark.parametrize(("frames", "is_told"), [(9, False), (10, True)])
+def test_five_copies_tell_it(frames, is_told):
+    assert (sent_often(2, frames=frames) is not None) == is_told
