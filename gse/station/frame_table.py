@@ -148,7 +148,7 @@ class FrameTable:
     ) -> Self:
         """A table with so many rows of zeros, to be filled by column; of more than ``most_in_memory`` on the disk.
 
-        ``stride`` is that of ``pictures``.
+        ``stride`` becomes the ``picture_stride``.
         """
         table = cls()
         table._frames = ColumnStore(FRAME, 0).with_room(count, on_disk=count > most_in_memory)

@@ -38,7 +38,7 @@ class Distribution(StrEnum):
 class Term:
     """One input of the truth: how well it is known, and what that leaves open in dRA*, dDE and roll.
 
-    ``quantity`` has the standard uncertainty ``standard`` in ``unit``; ``ra_arcsec``, ``de_arcsec`` and ``roll_arcsec``
+    It has the standard uncertainty ``standard`` in ``unit``; ``ra_arcsec``, ``de_arcsec`` and ``roll_arcsec``
     are the standard uncertainties that follow (inf: unknown), so that their quotients with ``standard`` are the
     sensitivities. ``size_arcsec`` is the whole effect before correction (NaN: not known), ``evidence`` begins with the
     GUM's type A or B. ``common`` errors are the same in all frames, others change with the stars in the field.
