@@ -180,7 +180,7 @@ class RetryingFile:
 
     def __init__(self, path: Path) -> None:
         """Create the file; FileExistsError where there is one already: nothing is ever overwritten."""
-        self.path = path
+        self._path = path.absolute()  # the working folder may be deleted, too
         self._fd = os.open(path, CREATE, 0o644)
         self._pending = bytearray()
         self.written = WrittenBytes()
@@ -225,15 +225,15 @@ class RetryingFile:
     def vanished(self) -> bool:
         """Whether the file was deleted or replaced: writing still succeeds then, but without effect."""
         try:
-            there, here = os.stat(self.path), os.fstat(self._fd)
+            there, here = os.stat(self._path), os.fstat(self._fd)
         except OSError:
             return True
         return (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
 
     def restore(self) -> None:
         """Write a vanished file again, whole, from the open descriptor; OSError where that is not possible."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        fd = os.open(self.path, CREATE, 0o644)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        fd = os.open(self._path, CREATE, 0o644)
         try:
             offset = 0
             while block := read_at(self._fd, COPY_BYTES, offset):
@@ -242,7 +242,7 @@ class RetryingFile:
                     offset, block = offset + count, block[count:]
         except OSError:
             os.close(fd)
-            self.path.unlink(missing_ok=True)
+            self._path.unlink(missing_ok=True)
             raise
         os.close(self._fd)
         self._fd = fd

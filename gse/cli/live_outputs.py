@@ -1,6 +1,8 @@
 """Outputs of a running session: live view, status line, frames as JSON lines."""
 
+import contextlib
 import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,7 @@ from gse.cli.options import (
 )
 from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.errors import UsageError
+from gse.recording.session_format import RecorderKind
 from gse.sessions.forecast import Forecast, snapshot
 from gse.station.frame_json import frame_json
 from gse.station.frame_results import FrameResults
@@ -69,6 +72,22 @@ class JsonFrames:
         """Events are not frames."""
 
 
+class _WorkingFolder:
+    """Goes back to the working folder where somebody deleted it and the recorder made it anew."""
+
+    def __init__(self) -> None:
+        self._folder = os.getcwd()
+
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
+        """They are not written here."""
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Follow the session file that was restored."""
+        if event.kind == RecorderKind.FILE_RESTORED:
+            with contextlib.suppress(OSError):
+                os.chdir(self._folder)
+
+
 class LiveOutputs:
     """The listeners of a session, opened after the setup and closed with the session.
 
@@ -108,7 +127,7 @@ class LiveOutputs:
             return listeners
         # Simulated and recorded data wait for a look: then it comes at the same place each time.
         beside = None if is_mock(loop.setup.station.port.url) else snapshot
-        return [*listeners, _live_diagnosis(listeners, beside)]
+        return [*listeners, _WorkingFolder(), _live_diagnosis(listeners, beside)]
 
     def ask(self, question: str) -> None:
         """Show a question to the operator; empty when it is answered."""

@@ -221,9 +221,9 @@ class Sensor(_Section):
         if info.context != _AS_RECORDED and (place := self.camera().fold()):
             x, y, scale = place
             raise ValueError(
-                f"the distortion folds the picture at pixel ({x:.0f}, {y:.0f}): the scale there is {scale:.2f} of "
-                f"that at the principal point, expected on the whole detector at least {LEAST_SCALE}; check the signs, "
-                "and that radii are in units of half the columns"
+                f"the distortion folds the picture at pixel ({round(x)}, {round(y)}): the scale there is {scale:.2f} "
+                f"of that at the principal point, expected on the whole detector at least {LEAST_SCALE}; "
+                "check the signs, and that radii are in units of half the columns"
             )
         return self
 

@@ -213,3 +213,18 @@ def test_the_weightiest_exit_code_wins_and_all_are_said(
 ) -> None:
     assert say_exit_code(found) == code
     assert capsys.readouterr().err == f"{line}\n"
+
+
+def test_a_session_whose_working_folder_is_deleted_is_whole_and_judged(tmp_path: Path) -> None:
+    working = tmp_path / "working"
+    working.mkdir()
+    command = [sys.executable, "-m", "gse", "run", "--port", "sim://?speed=1", "--duration", "8", "--no-plots"]
+    with subprocess.Popen(command, cwd=working, stdout=DEVNULL, stderr=PIPE, text=True) as process:
+        assert process.stderr is not None
+        next(line for line in process.stderr if "STREAMING" in line)
+        shutil.rmtree(working)
+        assert "FILE_RESTORED" in process.stderr.read()
+        assert process.wait(PATIENCE_S) == INCONCLUSIVE
+    (session,) = (working / "sessions").glob("*/session.mcap")
+    assert verify(session).is_whole
+    assert session.with_name("report.json").is_file()
