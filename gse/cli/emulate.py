@@ -111,7 +111,8 @@ def command(
 ) -> None:
     """Simulate the sensor of a station file in real time, for this station or for other ground software.
 
-    With --session a recorded night is played to a flight computer. It begins when somebody opens the other end.
+    With --session a recorded night is played to a flight computer. It begins when somebody opens the other end,
+    and on a --pty sets a baud rate.
 
     The frames bear the flag `test`, so that no session with them passes for one of a sensor: it is SIMULATED. Where
     the format has no room for a mark, the command says so. The address to open is printed on stdout. The emulator ends
