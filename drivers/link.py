@@ -23,6 +23,7 @@ from drivers.ports import (
     READ_TIMEOUT_S,
     LineSettings,
     PortInfo,
+    ioctl_error,
     is_awaitable,
     is_device,
     is_of_an_adapter,
@@ -144,11 +145,7 @@ _AT_ONCE_NS = 1_000_000_000
 """A network port that closes sooner refuses: most servers give a serial line to one client."""
 
 # What pyserial raises on a port that goes away: close() from another thread gives TypeError, ioctls termios.error.
-try:
-    from termios import error as _ioctl_error
-except ImportError:  # Windows
-    _ioctl_error = OSError  # type: ignore[assignment, misc]
-_HANG_UPS = (OSError, TypeError, _ioctl_error)
+_HANG_UPS = (OSError, TypeError, ioctl_error)
 
 
 class _NoRecording(MessageWriter):

@@ -19,6 +19,12 @@ from serial.tools import list_ports
 from drivers.errors import DriverError, PortError, UrlError
 from drivers.urlhandlers.network_ports import Rfc2217Port, SocketPort
 
+try:
+    import termios
+
+    ioctl_error: type[Exception] = termios.error  # no OSError
+except ImportError:  # Windows
+    ioctl_error = OSError
 MOCKS = ("replay://", "sim://")
 _ON_THE_NET = {"socket://": SocketPort, "rfc2217://": Rfc2217Port}
 _BY_ID = Path("/dev/serial/by-id")
@@ -262,6 +268,12 @@ def open_port(url: str, baudrate: int, line: LineSettings = PLAIN_LINE) -> seria
         if line != PLAIN_LINE:
             line.apply(port)
         port.open()
+    except ioctl_error as error:
+        raise PortError(
+            f"{url} refuses {baudrate} baud with {line.data_bits} data bits, parity {line.parity} and "
+            f"{line.stop_bits:g} stop bits: {error.args[-1]}; give what its driver has as "
+            "port.baudrate, port.parity and so on; a pseudo-terminal has 8 bits and no parity"
+        ) from error
     except (OSError, ValueError, NotImplementedError) as error:
         if isinstance(error.__cause__, DriverError):
             raise error.__cause__ from None

@@ -400,6 +400,14 @@ def test_the_settings_of_a_line_are_those_that_the_far_end_reads_back(terminal: 
     assert not iflag & termios.IXON
 
 
+def test_settings_that_a_driver_refuses_are_a_port_that_cannot_be_opened(terminal: Terminal) -> None:
+    with SerialLink(str(terminal.path)):
+        pass
+    # A pty has 8 data bits: the system refuses where it can set nothing of what is new.
+    with pytest.raises(PortError, match=r"refuses 115200 baud with 7 data bits, parity none and 1 stop bits: Invalid"):
+        SerialLink(str(terminal.path), line=LineSettings(data_bits=7))
+
+
 def test_the_settings_of_a_line_in_use_are_read_from_its_terminal(terminal: Terminal, tmp_path: Path) -> None:
     with SerialLink(str(terminal.path), 57_600, line=LineSettings(stop_bits=2, xonxoff=True)):
         assert line_in_use(str(terminal.path)) == "57600 8N2, xonxoff"
