@@ -570,8 +570,12 @@ def _degrees(text: str, sides: str) -> float | None:
     return -degrees if found[1] == "-" or found[5] in ("S", "W") else degrees
 
 
+_KINDS = ("int", "constrained-float", "literal['auto']", "literal['asap']", "date", "datetime")
+"""What pydantic calls the choices of a key that takes several kinds of values, in the place of an error."""
+
+
 def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
-    path = [part for part in item["loc"] if isinstance(part, str) and part not in ("int", "literal['auto']")]
+    path = [part for part in item["loc"] if isinstance(part, str) and part not in _KINDS]
     key = f"{'.'.join(path) or 'station':.200}"
     where = f"{source}, line {_line_of(node, path)}: "
     if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):

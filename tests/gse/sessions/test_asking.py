@@ -265,6 +265,7 @@ def test_an_exposure_that_is_refused_leaves_the_others_tested(
 @pytest.mark.parametrize(
     ("sensor", "message"),
     [
+        ({"poll": {"period_ms": "fast"}}, "sensor.poll.period_ms is 'fast': expected a number"),
         ({"exposures_s": []}, "expected a list of 1 to 100 exposures, such as [0.05, 0.1, 0.2], came none"),
         ({"exposures_s": 0.1}, "came 0.1"),
         ({"exposures_s": [n + 1 for n in range(101)]}, "came 101 of them"),
@@ -275,7 +276,7 @@ def test_an_exposure_that_is_refused_leaves_the_others_tested(
         ({"exposures_s": [0.1, 30]}, "sensor.exposures_s: 30 s does not work: exposure is 3e+07 us"),
     ],
 )
-def test_exposures_that_cannot_be_commanded_are_refused(
+def test_what_cannot_be_asked_or_commanded_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sensor: dict[str, object], message: str
 ) -> None:
     station = station_file(tmp_path, sensor=sensor)
