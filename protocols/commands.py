@@ -115,6 +115,8 @@ class CommandLayout:
             if argument is None:
                 stem, _, unit = name.rpartition("_")
                 argument = known.get(stem)
+                if argument is not None and not _is_unit(_unit_of(unit), argument.unit):
+                    argument = None
                 text = f"{value} {_unit_of(unit)}"
             if argument is None:
                 raise EncodeError(f"{self.name}: {unknown_name(name, known, 'argument')}")
@@ -141,6 +143,15 @@ class CommandLayout:
         if isinstance(self.answer, str):
             return "no answer" if self.answer == NO_ANSWER else f"the answer {self.answer}"
         return ", ".join(f"{name} = {wanted}" for name, wanted in self.answer.items())
+
+
+def _is_unit(unit: str, own: str) -> bool:
+    """Whether a number in this unit is one in an argument's own."""
+    try:
+        quantity(f"1 {unit}", own)
+    except ValueError:
+        return False
+    return True
 
 
 def _unit_of(suffix: str) -> str:

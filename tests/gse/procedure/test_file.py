@@ -165,6 +165,10 @@ def test_what_is_no_procedure_is_refused():
         ("  - send: {command: SET_EXPOSURE}\n", "SET_EXPOSURE needs exposure=NUMBER"),
         ("  - send: {command: SET_EXPOSURE, exposure: 2 V}\n", "line 4, column 45: step 1: exposure has the unit 'V'"),
         ("  - send: {command: SET_EXPOSURE, gain: 2}\n", "line 4, column 41: step 1: SET_EXPOSURE: no argument 'gain'"),
+        (
+            "  - send: {command: SET_EXPOSURE, exposure_time: 100 ms}\n",
+            "step 1: SET_EXPOSURE: no argument 'exposure_time'; did you mean exposure?",
+        ),
         ("  - check: {suply_v: 5}\n", "line 4, column 22: step 1: no item 'suply_v'; did you mean supply_v?"),
         ("  - check: {supply_v: [5.2, 4.8]}\n", "line 4, column 23: step 1: supply_v: the low end 5.2 is over"),
         ("  - check: {supply_v: 5 kg}\n", "supply_v has the unit 'kg'"),
