@@ -414,6 +414,8 @@ def _excluded(
     Entry e is the neighbour ``entries[0, e]`` of a star, with the place of the object that it fits; ``entries[1, e]``
     is the entry of the same star before it, and ``latest`` (stars,) the last.
     """
+    if len(others) < 2:
+        return 0
     # Arrays have names of their own here, since each access through a tuple counts references.
     gates, icrs, fitted_before, entry_before = view.gates, view.icrs, entries[0], entries[1]
     urad, brighter, dimmer = view.table.distance_urad, view.table.brighter, view.table.dimmer
@@ -423,17 +425,16 @@ def _excluded(
         other = others[place]
         distance = angle_urad(view.angles.cosine[alpha, other], view.angles.sine[alpha, other])
         begin = _first_above(urad, distance - limits.tolerance_urad)
-        end = begin
-        while end < len(urad) and urad[end] < distance + limits.tolerance_urad:
-            end += 1
+        end = _first_above(urad, math.ceil(distance + limits.tolerance_urad) - 1)
         if number + 2 * (end - begin) > len(fitted_before):
             return -1
         pairs = np.empty(end - begin + 1, np.int64)
         for side in range(2):
             star_at, neighbour_at = (dimmer, brighter) if side else (brighter, dimmer)
-            # Those whose star has an entry already, first: a branch on each would often be predicted wrong.
+            # Those whose star has an entry already, first: a branch on each would often be predicted wrong. Before the
+            # first of the others there are no entries, and after the last none is looked up.
             again = 0
-            for pair in range(np.uint64(begin), np.uint64(end)):
+            for pair in range(np.uint64(begin), np.uint64(end if place > 0 else begin)):
                 pairs[again] = pair
                 again += latest[np.uint64(star_at[pair])] != _NO_ENTRY
             for pair in pairs[:again]:
@@ -455,7 +456,7 @@ def _excluded(
                     if more < 0:
                         return -1
                     work += more
-            for pair in range(np.uint64(begin), np.uint64(end)):
+            for pair in range(np.uint64(begin), np.uint64(end if place + 1 < len(others) else begin)):
                 star = np.uint64(star_at[pair])
                 fitted_before[number], entry_before[number] = candidate_of(place, neighbour_at[pair]), latest[star]
                 latest[star] = number

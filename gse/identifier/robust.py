@@ -29,8 +29,8 @@ is called correct or false by this one. The identifier therefore separates *gues
 few partners and narrow windows: most panoramas end there, within a tenth of a millisecond. Later passes expect more
 noise, bright hot pixels, or few objects with a faint alpha star. The whole plan is bounded by MAX_HYPOTHESES: a
 panorama of 30 random objects costs it all, 10 ms with a field of 14 deg and 40 ms with 8 deg. ``around`` gives the
-identifier of a part of the sky, for which that is 0.5 and 1.2 ms; a session searches there where frame after frame
-shows no stars (``gse/station/thinned_search.py``).
+identifier of a part of the sky, for which that is 0.1 to 0.5 and 0.2 to 1.2 ms; a session searches there where frame
+after frame shows no stars (``gse/station/thinned_search.py``).
 
 **The brightest objects come last as alpha star** (the brightest quarter or third), since hot pixels and planets are
 bright.
