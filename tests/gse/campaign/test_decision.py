@@ -14,6 +14,7 @@ from gse.report.sessions_table import sessions_schema
 from gse.station.exclusions import Cause
 from gse.station.results import Verdict
 from gse.statistics.decision import Outcome
+from gse.statistics.sampling import MIN_FRAMES
 from gse.verdict.requirements import AVAILABILITY
 
 
@@ -194,7 +195,7 @@ def test_a_session_is_left_out_for_its_sky_where_that_was_away_in_more_than_half
         "error": None,
         "verdict": "PASS",
         "reasons": [],
-        "onboard_d_de_n": 30,
+        "onboard_d_de_n": MIN_FRAMES,
         "sensor_d_de_n": 0,
     }
     row["exclusions"] = [{"cause": cause.value, "frames": of, "reason": "cloud"} for cause, of in frames.items()]

@@ -17,8 +17,10 @@ from gse.statistics.axis_statistics import (
     drift,
     quick_errors,
 )
-from gse.statistics.sampling import error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
+from gse.statistics.sampling import MIN_FRAMES, error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
 from gse.values.instant import NS_PER_S
+
+TOO_FEW = f"too few frames to tell ({MIN_FRAMES - 1}, {MIN_FRAMES} are needed)"
 
 
 def axis(error, step_s=0.1):
@@ -86,10 +88,10 @@ def test_very_few_frames_give_no_figure_instead_of_a_wrong_one(count):
 @pytest.mark.parametrize(
     ("count", "seconds", "words"),
     [
-        (29, 60, "too few frames to tell (29, 30 are needed)"),
-        (30, 60, ""),
-        (30, 9.9, "too short to tell (9.9 s"),
-        (30, 10, ""),
+        (MIN_FRAMES - 1, 60, TOO_FEW),
+        (MIN_FRAMES, 60, ""),
+        (MIN_FRAMES, 9.9, "too short to tell (9.9 s"),
+        (MIN_FRAMES, 10, ""),
     ],
 )
 def test_a_session_says_what_it_lacks(count, seconds, words):
@@ -251,14 +253,14 @@ def test_successive_errors_are_those_at_most_half_a_frame_farther_apart(time_s, 
 @pytest.mark.parametrize(
     ("n", "duration_s", "n_eff", "words"),
     [
-        (29, 5.0, math.nan, "too few frames to tell (29, 30 are needed)"),
-        (30, 9.96, math.nan, "too short to tell (10.0 s, 10 s are needed)"),
-        (30, 10.0, math.nan, "every value is the same: nothing tells its scatter"),
-        (30, 10.0, 0.99, "too short to tell (n_eff below 1)"),
-        (30, 10.0, 1.0, "too short to tell (n_eff 1)"),
-        (30, 10.0, 1.74, "too short to tell (n_eff 1.7)"),
-        (30, 10.0, 9.94, "too short to tell (n_eff 9.9)"),
-        (30, 10.0, 10.0, ""),
+        (MIN_FRAMES - 1, 5.0, math.nan, TOO_FEW),
+        (MIN_FRAMES, 9.96, math.nan, "too short to tell (10.0 s, 10 s are needed)"),
+        (MIN_FRAMES, 10.0, math.nan, "every value is the same: nothing tells its scatter"),
+        (MIN_FRAMES, 10.0, 0.99, "too short to tell (n_eff below 1)"),
+        (MIN_FRAMES, 10.0, 1.0, "too short to tell (n_eff 1)"),
+        (MIN_FRAMES, 10.0, 1.74, "too short to tell (n_eff 1.7)"),
+        (MIN_FRAMES, 10.0, 9.94, "too short to tell (n_eff 9.9)"),
+        (MIN_FRAMES, 10.0, 10.0, ""),
     ],
 )
 def test_what_a_session_lacks_is_said_in_order(n, duration_s, n_eff, words):

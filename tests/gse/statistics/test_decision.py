@@ -18,7 +18,7 @@ from gse.statistics.decision import (
     share_of,
     share_outcome,
 )
-from gse.statistics.sampling import NO_BOUNDS, Bounds
+from gse.statistics.sampling import MIN_FRAMES, NO_BOUNDS, Bounds
 from gse.values.limits import Decision
 
 LIMIT = 60.0
@@ -59,8 +59,8 @@ def test_a_row_without_frames_or_without_a_limit_is_not_tested():
     assert row(50.0, 1.0, limit=math.nan).outcome is Outcome.NOT_TESTED
 
 
-@pytest.mark.parametrize(("frames", "expected"), [(29, "INCONCLUSIVE"), (30, "PASS")])
-def test_thirty_frames_are_needed(frames, expected):
+@pytest.mark.parametrize(("frames", "expected"), [(MIN_FRAMES - 1, "INCONCLUSIVE"), (MIN_FRAMES, "PASS")])
+def test_so_many_frames_are_needed(frames, expected):
     assert row(5.0, 1.0, frames=frames).outcome == expected
 
 
@@ -268,6 +268,8 @@ def test_an_amount_is_told_in_degrees_from_one_degree_on(value, unit, text):
 
 # Words and sides
 
+NEEDED = f"compared with truth, {MIN_FRAMES} are needed"
+
 
 def undecided(figure, *, decision=Decision.GUARDED, truth=0.0, limit=LIMIT, **options):
     asked = Criterion(Subject.ONBOARD, "mean |dDE|", limit, decision, "arcsec")
@@ -277,15 +279,15 @@ def undecided(figure, *, decision=Decision.GUARDED, truth=0.0, limit=LIMIT, **op
 @pytest.mark.parametrize(
     ("figure", "words"),
     [
-        (Figure(5.0, NO_BOUNDS, math.nan, 29, 600.0), ": 29 frames compared with truth, 30 are needed"),
-        (Figure(5.0, NO_BOUNDS, math.nan, 1, 600.0), ": 1 frame compared with truth, 30 are needed"),
+        (Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES - 1, 600.0), f": {MIN_FRAMES - 1} frames {NEEDED}"),
+        (Figure(5.0, NO_BOUNDS, math.nan, 1, 600.0), f": 1 frame {NEEDED}"),
         (
-            Figure(5.0, NO_BOUNDS, math.nan, 30, 10.0),
+            Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES, 10.0),
             ": every answer has the same error, which tells nothing of its scatter",
         ),
-        (Figure(5.0, NO_BOUNDS, math.nan, 30, 9.99), ": the session is too short to tell"),
-        (Figure(5.0, NO_BOUNDS, 3.4, 30, 600.0), ": the session is too short to tell (n_eff 3)"),
-        (Figure(5.0, NO_BOUNDS, 3.6, 30, 5.0), ": the session is too short to tell (n_eff 4)"),
+        (Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES, 9.99), ": the session is too short to tell"),
+        (Figure(5.0, NO_BOUNDS, 3.4, MIN_FRAMES, 600.0), ": the session is too short to tell (n_eff 3)"),
+        (Figure(5.0, NO_BOUNDS, 3.6, MIN_FRAMES, 5.0), ": the session is too short to tell (n_eff 4)"),
     ],
 )
 def test_what_a_figure_lacks_is_its_reason(figure, words):

@@ -12,6 +12,7 @@ from gse.statistics.axis_statistics import axis_statistics, drift
 from gse.statistics.decision import exceeds, guard, keeps
 from gse.statistics.error_model import MixedStudent, error_model
 from gse.statistics.sampling import (
+    MIN_FRAMES,
     effective_number,
     error_bounds,
     mean_bounds,
@@ -188,7 +189,7 @@ def test_a_change_of_the_session_is_in_u_once(name):
 
 @settings(max_examples=30)
 @given(
-    st.integers(30, 400),
+    st.integers(MIN_FRAMES, 400),
     st.floats(0, 1),
     st.sampled_from([0.0, 1.0, 30.0, 1e4]),
     st.integers(0, 10**6),
@@ -228,10 +229,10 @@ def test_a_standard_deviation_is_bounded_like_chi_square():
 # What tells nothing
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 29])
+@pytest.mark.parametrize("count", [0, 1, 2, MIN_FRAMES - 1])
 def test_few_frames_get_a_word_and_no_bounds(count):
     found = axis(white(count))
-    assert found.too_short == f"too few frames to tell ({count}, 30 are needed)"
+    assert found.too_short == f"too few frames to tell ({count}, {MIN_FRAMES} are needed)"
     assert math.isnan(found.bias_bounds_arcsec.low)
     assert math.isnan(found.p95_abs_bounds_arcsec.upper)
 
@@ -250,7 +251,7 @@ def test_a_pattern_that_cancels_gives_numbers():
     assert math.isnan(found.mean_abs_bounds_arcsec.upper)
 
 
-@pytest.mark.parametrize("n", [30, 31, 60, 1000])
+@pytest.mark.parametrize("n", [MIN_FRAMES, MIN_FRAMES + 1, 60, 1000])
 def test_nothing_is_unknown_where_there_are_enough_frames(n):
     found = axis(white(n, scale=10.0), step_s=5.0)
     for bounds in (found.bias_bounds_arcsec, found.std_bounds_arcsec, found.p95_abs_bounds_arcsec):
@@ -389,8 +390,8 @@ def test_shares_are_planned_by_their_exact_bounds():
     assert scipy.stats.beta.ppf(0.05, n - missing, missing + 1) >= 0.95
 
 
-@pytest.mark.parametrize(("frames", "counts_all"), [(29, True), (30, False)])
-def test_thirty_frames_tell_how_much_what_happened_hangs_together(frames, counts_all):
+@pytest.mark.parametrize(("frames", "counts_all"), [(MIN_FRAMES - 1, True), (MIN_FRAMES, False)])
+def test_so_many_frames_tell_how_much_what_happened_hangs_together(frames, counts_all):
     number = effective_number(np.arange(frames) < 12)
     assert (number == frames) is counts_all
     assert counts_all or number < 10

@@ -7,7 +7,7 @@ import pytest
 import scipy.signal
 import scipy.stats
 
-from gse.statistics.sampling import error_bounds
+from gse.statistics.sampling import MIN_FRAMES, error_bounds
 from gse.verdict.planning import (
     Expected,
     _independent_values,
@@ -176,7 +176,7 @@ def test_distances_shrink_with_the_root_of_the_length_until_nine_of_ten_sessions
         (Expected(4.0, 2.0, 0.0, 1.0), 40.0, 40, Expected(2.0, 1.0, 0.0, 1.0)),
         (Expected(0.0, 3.0, 4.0, 1.0), 12.0, 48, Expected(0.0, 1.0, 4.0, 1.0)),
         (Expected(0.0, 3.0, 40.0, 1.0), 5.0, 40, Expected(0.0, 1.0, 8.0, 1.0)),  # 8 frames a value tell as much as 40
-        (Expected(-3.0, 3.0, 0.0, 1.0), 12.0, 30, Expected(-1.0, 1.0, 0.0, 1.0)),  # fewer frames have no bounds
+        (Expected(-3.0, 3.0, 0.0, 1.0), 12.0, MIN_FRAMES, Expected(-1.0, 1.0, 0.0, 1.0)),  # fewer frames have no bounds
     ],
 )
 def test_sessions_are_simulated_in_units_of_the_noise_and_bounded_as_a_verdict_bounds_them(
@@ -229,7 +229,7 @@ def test_what_lies_far_within_its_limit_needs_five_independent_values():
     """Ten are the fewest that are tried, and one step halves them."""
     assert _independent_values(Expected(0.0, 1.0, 0.0, 1.0), 1000.0, 0.0) == pytest.approx(5.0)
     assert accuracy_frames(Expected(0.0, 1.0, 40.0, 1.0), 1000.0, truth_arcsec=0.0) in (200, 201)
-    assert accuracy_frames(Expected(0.0, 1.0, 0.0, 1.0), 1000.0, truth_arcsec=0.0) == 30
+    assert accuracy_frames(Expected(0.0, 1.0, 0.0, 1.0), 1000.0, truth_arcsec=0.0) == MIN_FRAMES
 
 
 def test_a_length_is_settled_by_a_line_through_the_shares_of_more_sessions():

@@ -25,7 +25,7 @@ from gse.statistics.decision import (
     share_outcome,
     share_times,
 )
-from gse.statistics.sampling import Bounds
+from gse.statistics.sampling import MIN_FRAMES, Bounds
 from gse.values.axis import D_DE, D_RA_COSDE
 from gse.values.limits import Decision, Limits
 from gse.verdict.assessment import Assessment, judge
@@ -111,9 +111,9 @@ def test_answers_are_planned_as_independent_where_nothing_is_said_of_their_runs(
 # By hand
 
 
-@pytest.mark.parametrize(("hz", "frames"), [(1.0, 30), (2.9, 30), (3.0, 31), (4.96, 51), (10.0, 101)])
+@pytest.mark.parametrize(("hz", "frames"), [(1.0, 11), (2.9, 30), (3.0, 31), (4.96, 51), (10.0, 101)])
 def test_a_plan_has_a_row_of_each_axis_and_share_of_ten_seconds_at_least(hz, frames):
-    """Far within its limit an axis takes 30 frames, and 10 s end with one more frame than they have steps."""
+    """Far within its limit an axis takes MIN_FRAMES, and 10 s end with one more frame than they have steps."""
     limits = Limits(availability=0.9, false_share=0.05)
     axes = (
         AxisQuestion(D_RA_COSDE, Expected(0.0, 1.0, 0.0, hz), 1000.0, 0.0),
@@ -121,7 +121,7 @@ def test_a_plan_has_a_row_of_each_axis_and_share_of_ten_seconds_at_least(hz, fra
     )
     plan = session_plan(ExpectedSession(axes, limits, 1.0, hz))
     assert plan.rows == (
-        RowPlan("dRA*", 1000.0, "arcsec", frames),
+        RowPlan("dRA*", 1000.0, "arcsec", max(MIN_FRAMES, frames)),
         RowPlan("dDE", 60.0, "arcsec", None),
         RowPlan("availability", 0.9, "", 29),  # 0.9 ** 29 is below 5 %
         RowPlan("false answers", 0.05, "", 59),
@@ -275,9 +275,9 @@ def test_a_session_like_another_has_its_rate_its_axes_and_its_runs_of_answers():
     plan = plan_like(seen(available=share_of(1000, 1000, 400.0)), Subject.ONBOARD, WIDE)
     assert plan.frames_per_s == 2.0
     assert plan.rows == (
-        RowPlan("dRA*", 900.0, "arcsec", 30),
-        RowPlan("dDE", 1000.0, "arcsec", 30),
-        RowPlan("roll", 1100.0, "arcsec", 30),
+        RowPlan("dRA*", 900.0, "arcsec", MIN_FRAMES),
+        RowPlan("dDE", 1000.0, "arcsec", MIN_FRAMES),
+        RowPlan("roll", 1100.0, "arcsec", MIN_FRAMES),
         RowPlan("availability", 0.95, "", 148),  # 59 runs of 2.5 are 147.5
         RowPlan("false answers", 0.01, "", 299),
     )
@@ -288,7 +288,7 @@ def test_the_longer_of_two_rows_is_the_length_of_an_axis_and_unknown_truth_never
     judged.rows[4] = replace(judged.rows[4], uncertainty=2000.0)
     wide = plan_like(judged, Subject.ONBOARD, WIDE)
     assert wide.rows[2].frames == math.ceil(1201 * lengths_to_pass(1096.0, 2000.0, 0.0, 900.0)) > 1201
-    assert wide.rows[1].frames == 30
+    assert wide.rows[1].frames == MIN_FRAMES
     unknown = plan_like(seen(available=share_of(1000, 1000), u=math.inf), Subject.ONBOARD, WIDE)
     assert unknown.rows[2].frames is None
 
