@@ -8,6 +8,7 @@ import pytest
 import scipy.stats
 
 from gse.statistics.axis_statistics import (
+    MIN_S,
     WINDOW_S,
     AxisStatistics,
     _running_mean,
@@ -90,8 +91,8 @@ def test_very_few_frames_give_no_figure_instead_of_a_wrong_one(count):
     [
         (MIN_FRAMES - 1, 60, TOO_FEW),
         (MIN_FRAMES, 60, ""),
-        (MIN_FRAMES, 9.9, "too short to tell (9.9 s"),
-        (MIN_FRAMES, 10, ""),
+        (MIN_FRAMES, MIN_S - 0.1, f"too short to tell ({MIN_S - 0.1:.1f} s"),
+        (MIN_FRAMES, MIN_S, ""),
     ],
 )
 def test_a_session_says_what_it_lacks(count, seconds, words):
@@ -254,21 +255,23 @@ def test_successive_errors_are_those_at_most_half_a_frame_farther_apart(time_s, 
     ("n", "duration_s", "n_eff", "words"),
     [
         (MIN_FRAMES - 1, 5.0, math.nan, TOO_FEW),
-        (MIN_FRAMES, 9.96, math.nan, "too short to tell (10.0 s, 10 s are needed)"),
-        (MIN_FRAMES, 10.0, math.nan, "every value is the same: nothing tells its scatter"),
-        (MIN_FRAMES, 10.0, 0.99, "too short to tell (n_eff below 1)"),
-        (MIN_FRAMES, 10.0, 1.0, "too short to tell (n_eff 1)"),
-        (MIN_FRAMES, 10.0, 1.74, "too short to tell (n_eff 1.7)"),
-        (MIN_FRAMES, 10.0, 9.94, "too short to tell (n_eff 9.9)"),
-        (MIN_FRAMES, 10.0, 10.0, ""),
+        (MIN_FRAMES, MIN_S - 0.04, math.nan, f"too short to tell ({MIN_S:.1f} s, {MIN_S:g} s are needed)"),
+        (MIN_FRAMES, MIN_S, math.nan, "every value is the same: nothing tells its scatter"),
+        (MIN_FRAMES, MIN_S, 0.99, "too short to tell (n_eff below 1)"),
+        (MIN_FRAMES, MIN_S, 1.0, "too short to tell (n_eff 1)"),
+        (MIN_FRAMES, MIN_S, 1.74, "too short to tell (n_eff 1.7)"),
+        (MIN_FRAMES, MIN_S, 9.94, "too short to tell (n_eff 9.9)"),
+        (MIN_FRAMES, MIN_S, 10.0, ""),
     ],
 )
 def test_what_a_session_lacks_is_said_in_order(n, duration_s, n_eff, words):
     assert _too_short(n, duration_s, n_eff) == words
 
 
-def test_below_ten_seconds_there_are_bounds_of_scatter_alone():
-    short, long = (axis(np.random.default_rng(2).normal(0, 1, 100), step_s) for step_s in (0.1, 10 / 99 + 1e-8))
+def test_in_too_short_a_time_there_are_bounds_of_scatter_alone():
+    short, long = (
+        axis(np.random.default_rng(2).normal(0, 1, 100), step_s) for step_s in (MIN_S / 100, MIN_S / 99 + 1e-8)
+    )
     assert math.isnan(short.n_eff)
     assert math.isnan(short.bias_error_arcsec)
     assert math.isnan(short.p95_abs_bounds_arcsec.upper)

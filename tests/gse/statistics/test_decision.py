@@ -6,6 +6,7 @@ import pytest
 import scipy.stats
 
 from gse.station.results import Subject
+from gse.statistics.axis_statistics import MIN_S
 from gse.statistics.decision import (
     Criterion,
     Figure,
@@ -282,10 +283,10 @@ def undecided(figure, *, decision=Decision.GUARDED, truth=0.0, limit=LIMIT, **op
         (Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES - 1, 600.0), f": {MIN_FRAMES - 1} frames {NEEDED}"),
         (Figure(5.0, NO_BOUNDS, math.nan, 1, 600.0), f": 1 frame {NEEDED}"),
         (
-            Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES, 10.0),
+            Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES, MIN_S),
             ": every answer has the same error, which tells nothing of its scatter",
         ),
-        (Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES, 9.99), ": the session is too short to tell"),
+        (Figure(5.0, NO_BOUNDS, math.nan, MIN_FRAMES, MIN_S - 0.01), ": the session is too short to tell"),
         (Figure(5.0, NO_BOUNDS, 3.4, MIN_FRAMES, 600.0), ": the session is too short to tell (n_eff 3)"),
         (Figure(5.0, NO_BOUNDS, 3.6, MIN_FRAMES, 5.0), ": the session is too short to tell (n_eff 4)"),
     ],
