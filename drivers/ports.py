@@ -268,17 +268,17 @@ def open_port(url: str, baudrate: int, line: LineSettings = PLAIN_LINE) -> seria
         if line != PLAIN_LINE:
             line.apply(port)
         port.open()
+    except (OSError, ValueError, NotImplementedError) as error:
+        if isinstance(error.__cause__, DriverError):
+            raise error.__cause__ from None
+        kind = UrlError if isinstance(error, ValueError) else PortError
+        raise kind(explain(url, error)) from error
     except ioctl_error as error:
         raise PortError(
             f"{url} refuses {baudrate} baud with {line.data_bits} data bits, parity {line.parity} and "
             f"{line.stop_bits:g} stop bits: {error.args[-1]}; give what its driver has as "
             "port.baudrate, port.parity and so on; a pseudo-terminal has 8 bits and no parity"
         ) from error
-    except (OSError, ValueError, NotImplementedError) as error:
-        if isinstance(error.__cause__, DriverError):
-            raise error.__cause__ from None
-        kind = UrlError if isinstance(error, ValueError) else PortError
-        raise kind(explain(url, error)) from error
     _keep_alive(getattr(port, "_socket", None))
     if isinstance(port, serial.Serial) and (names := _intruders(str(port.port))):
         port.close()

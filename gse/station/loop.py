@@ -238,6 +238,11 @@ class Listener(Protocol):
         ...
 
 
+def _in_pieces(items: Sequence[Chunk | LinkEvent], *, may_stop: bool) -> Sequence[Chunk | LinkEvent]:
+    """What was received, where a stop may come in pieces of few frames: a network port gives hundreds at once."""
+    return list(cut(iter(items), _PIECE_BYTES)) if may_stop else items
+
+
 def _session_of(setup: Setup) -> SessionData:
     """The empty session of a station."""
     subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
@@ -353,7 +358,7 @@ class StationLoop:
         ``last`` is done when it stops, while the port is still open.
         Where ``leave`` says so after the stop, the rest is left: it is recorded, and ``left_bytes`` says how much.
         """
-        items: Sequence[Chunk | LinkEvent] = first
+        items = _in_pieces(first, may_stop=stop is not None)
         try:
             while (items or not link.at_end) and not (stop and stop()):
                 items = items or self._received(link, wait_s(), most, may_stop=stop is not None)
@@ -373,9 +378,8 @@ class StationLoop:
     def _received(
         self, link: SerialLink, timeout_s: float, most: int, *, may_stop: bool = True
     ) -> Sequence[Chunk | LinkEvent]:
-        """What the link gives; where a stop may come in pieces of few frames: a network port gives hundreds at once."""
-        items = link.receive(timeout_s, most)
-        return list(cut(iter(items), _PIECE_BYTES)) if may_stop else items
+        """What the link gives."""
+        return _in_pieces(link.receive(timeout_s, most), may_stop=may_stop)
 
     def _take_some(
         self, items: Sequence[Chunk | LinkEvent], most: int, each: Callable[[list[FrameResults]], None]

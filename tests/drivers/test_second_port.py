@@ -148,7 +148,7 @@ def test_a_port_of_the_computer_that_does_not_open_is_told_at_once(tmp_path: Pat
     [
         ("pass_to: /dev/b\n  tx_url: /dev/c", "", "expected one of the two"),
         ("pass_to: sim://", "", "expected another port"),
-        ("pass_to: /dev/b", "poll: {period_ms: 200}", "the flight computer asks"),
+        ("pass_to: /dev/b", "poll: {period_ms: 200}", "the flight computer commands"),
     ],
 )
 def test_a_station_file_with_two_masters_or_none_is_refused(port: str, sensor: str, words: str) -> None:
