@@ -4,10 +4,12 @@ import contextlib
 import itertools
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import serial
 from click.testing import CliRunner
 from devices.patience import PATIENCE_S
 
@@ -20,7 +22,7 @@ from gse.errors import UsageError
 from gse.inspection.plausibility import CheckOutcome
 from gse.inspection.preflight import checks
 from gse.simulator.device import detector_of, firmware_of, scenario_of
-from gse.simulator.emulator import Emulator, Endpoint, TcpEndpoint
+from gse.simulator.emulator import READ_BYTES, Emulator, Endpoint, TcpEndpoint
 from gse.simulator.firmware import Detector
 from gse.simulator.pty_endpoint import PtyEndpoint
 from protocols import (
@@ -269,3 +271,34 @@ def test_an_impossible_address_is_told_with_what_was_expected(arguments: list[st
     result = CliRunner().invoke(command, arguments)
     assert isinstance(result.exception, UsageError)
     assert words in str(result.exception)
+
+
+@contextlib.contextmanager
+def terminal() -> Iterator[tuple[PtyEndpoint, serial.Serial]]:
+    endpoint = PtyEndpoint()
+    try:
+        with serial.Serial(endpoint.address, BAUDRATE, timeout=0) as port:
+            yield endpoint, port
+    finally:
+        endpoint.close()
+
+
+def test_a_station_that_is_busy_for_a_moment_reads_all_bytes_afterwards() -> None:
+    sent, received = bytes(range(250)) * 200, b""
+    with terminal() as (endpoint, port):
+        for begin in range(0, len(sent), 250):
+            endpoint.send(sent[begin : begin + 250])
+        until_s = time.monotonic() + PATIENCE_S
+        while len(received) < len(sent) and time.monotonic() < until_s:
+            endpoint.wait(0.0)
+            received += port.read(READ_BYTES)
+    assert received == sent
+
+
+def test_a_station_that_comes_back_after_long_reads_new_bytes_first() -> None:
+    with terminal() as (endpoint, port):
+        for _ in range(30):
+            endpoint.send(b"old" * 100)
+        endpoint.wait(1.1)
+        endpoint.send(b"new")
+        assert port.read(READ_BYTES) == b"new"
