@@ -200,6 +200,11 @@ class FieldCodec:
             raise self._does_not_fit(count)
         return count
 
+    def folded(self, count: int) -> int:
+        """A whole number as it is where it fits, else its remainder."""
+        low, high = self._range()
+        return count if low <= count <= high else count % high
+
     def counts_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """The counts that say these values (N,), whole numbers unless the wire carries floats; EncodeError."""
         counts = (np.asarray(values, dtype=np.float64) - self._zero) * self._divisor / self._multiplier
@@ -390,6 +395,16 @@ class StarsCodec(MessageCodec):
         assert layout.slots is not None
         self._slots = layout.slots
         self._of_slot = [FieldCodec(field, commands, layout.byte_order) for field in layout.slots.fields]
+        self._star = next(field for field in self._of_slot if field.name == "star")
+
+    @property
+    def most(self) -> int:
+        """How many stars a list holds."""
+        return self._slots.repeat
+
+    def number_of(self, star: int) -> int:
+        """What stands on the wire for a star of a catalogue: its number, of which a narrow field has the remainder."""
+        return self._star.folded(star)
 
     def decode(self, payload: bytes) -> Message:
         """The list of a payload that has this type's length; slots behind the last that is not all zero are empty."""

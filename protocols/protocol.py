@@ -70,6 +70,8 @@ class Protocol:
         }
         panoramas = self._codecs.get("PANORAMA")
         self.panoramas = panoramas if isinstance(panoramas, PanoramaCodec) else None
+        stars = self._codecs.get("STARS")
+        self.stars = stars if isinstance(stars, StarsCodec) else None
 
     def __repr__(self) -> str:
         return f"<Protocol {self.name}: {', '.join(self._codecs)}>"

@@ -14,6 +14,7 @@ from operator import itemgetter
 from typing import Protocol as Interface
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.uart import BITS_PER_BYTE
 from gse.simulator.items import SimulatedItems
@@ -34,6 +35,7 @@ from protocols import (
     Nak,
     PanoramaMessage,
     Protocol,
+    StarsMessage,
     StatusMessage,
 )
 from protocols.description import TimeDescription
@@ -61,6 +63,10 @@ class Detector(Interface):
 
     def expose(self, middle_utc_ns: int, exposure_s: float, temperature_c: float) -> Exposure:
         """One exposure, by its middle."""
+        ...
+
+    def stars_at(self, utc_ns: int, xy_px: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The numbers (N,) of the stars of its objects (N, 2), 0 of what is none, and their residuals in arcsec."""
         ...
 
 
@@ -232,7 +238,26 @@ class SensorFirmware:
         ready_ns = end_ns + round(self._traits.delay_ms * 1e6)
         is_asked = self._period_s is None
         sent = self._answers(message, ready_ns) if is_asked else [self._send(message, ready_ns)]
+        if sent and self._protocol.stars is not None:
+            sent += self._said(self._names(message, middle_ns), ready_ns)
         return [*sent, *self._due_status(ready_ns, temperature_c)]
+
+    def _names(self, panorama: PanoramaMessage, middle_ns: int) -> Iterator[StarsMessage]:
+        """The list of the stars of a panorama."""
+        assert self._protocol.stars is not None
+        ids, residuals_arcsec = self._detector.stars_at(middle_ns, panorama.xy_px)
+        objects = np.flatnonzero(ids)[: self._protocol.stars.most]
+        names = [self._protocol.stars.number_of(star) for star in ids[objects].tolist()]
+        share = self._traits.swapped_names
+        if share and self._random.random() < share:
+            names[:2] = names[1::-1]
+        yield StarsMessage(
+            panorama.time_us,
+            panorama.frame_no,
+            tuple(objects.tolist()),
+            tuple(names),
+            tuple(residuals_arcsec[objects].tolist()),
+        )
 
     def _answers(self, message: Message, ready_ns: int) -> list[Transmission]:
         """The answers to a request, as the scenario spoils them."""

@@ -60,6 +60,10 @@ class ImageSource:
         xy_px, index = extract_sub_pixel(image, index_max=index_max) if self._sub_pixel else extract(image)
         return Exposure(xy_px, index, frozenset())
 
+    def stars_at(self, utc_ns: int, xy_px: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The star of each object of an exposure, as its scene knows it."""
+        return self._scene.stars_at(utc_ns, xy_px)
+
     def image(self, middle_utc_ns: int, exposure_s: float, temperature_c: float = 20.0) -> NDArray[np.uint16]:
         """Index values (rows, columns) of one exposure, by its middle."""
         optics = self._scenario.optics

@@ -66,6 +66,10 @@ class PanoramaSource:
         xy_px, index = self._behind_the_moon(xy_px, index, middle_utc_ns)
         return self._kept(xy_px, index + background)
 
+    def stars_at(self, utc_ns: int, xy_px: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The star of each object of an exposure, as its scene knows it."""
+        return self._scene.stars_at(utc_ns, xy_px)
+
     def _stars(
         self, utc_ns: int, exposure_s: float, limit: float, blur: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

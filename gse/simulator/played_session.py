@@ -28,6 +28,7 @@ from protocols import (
     Message,
     PanoramaMessage,
     Protocol,
+    StarsMessage,
     StatusMessage,
     built_in_names,
     load_protocol,
@@ -103,7 +104,8 @@ class ShiftedFrames:
 
     def _shifted(self, message: Message) -> Message:
         # 0 is no time too: that of a message that has none in this format.
-        if not isinstance(message, PanoramaMessage | AttitudeMessage | StatusMessage) or not message.time_us:
+        timed = PanoramaMessage | AttitudeMessage | StarsMessage | StatusMessage
+        if not isinstance(message, timed) or not message.time_us:
             return message
         tag_us = message.time_us
         if self._is_counter:

@@ -176,6 +176,8 @@ class Firmware(_ScenarioSection):
     """Items of the protocol by name; one that is not here has a value within its limits."""
     items_every_s: Annotated[float, Field(ge=0.001, le=36_000)] = 1.0
     """Time between messages that have items only; one that a command asks for comes as its answer."""
+    swapped_names: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of the lists of stars (STARS) in which the two brightest have each other's name."""
     commands: dict[str, CommandFault] = {}
     """Commands of the protocol whose answers are spoiled."""
 

@@ -137,6 +137,8 @@ _SKYLIGHT_EVERY_NS = 10_000_000_000
 """In 10 s a twilight sky changes by 0.06 mag."""
 _BEYOND_RAD = 0.05
 """How far beyond the field a star simulator's stars are kept ready for a sensor that turns."""
+_SAME_WITHIN_PX = 3.0
+"""So near to a star an object is that star."""
 _STEP_RAD = 1e-3
 _CAPPED_MAGNITUDE = 40.0
 """Per square arcsecond: no light at all."""
@@ -195,6 +197,18 @@ class SimulatedScene:
         second = self.since_start_s(middle_ns)
         dew_magnitudes = profile_at(self._scenario.air.dew_magnitudes, second)
         return places, magnitude + dew_magnitudes + self.cloud_magnitudes(places[0], second)
+
+    def stars_at(self, utc_ns: int, xy_px: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The number of the star that each object of an exposure is, by its pixels (N, 2), and how far it is from there
+        in arcsec; 0 where there is none."""
+        if not len(xy_px):
+            return np.zeros(0, dtype=np.int64), np.zeros(0)
+        points = self._points_at(utc_ns, self._faintest)
+        off_px = np.hypot(*(xy_px[:, None] - self._pixels(points, utc_ns)).transpose(2, 0, 1))
+        is_near = off_px < _SAME_WITHIN_PX
+        brightest = np.where(is_near, points.magnitude, np.inf).argmin(axis=1)[:, None]
+        ids = np.where(np.take_along_axis(is_near, brightest, 1)[:, 0], points.ids[brightest[:, 0]], 0)
+        return ids, np.take_along_axis(off_px, brightest, 1)[:, 0] * self.camera.pixel_rad / ARCSEC_RAD
 
     def bodies(self, utc_ns: int) -> BodyCell:
         """Sun, Moon and planets."""
@@ -261,7 +275,8 @@ class SimulatedScene:
             bodies = self.bodies(utc_ns)
             nodes = np.concatenate([stars.track.nodes, bodies.track.nodes[:, FIRST_PLANET:]], axis=1)
             magnitude = np.concatenate([stars.magnitude, bodies.magnitude[FIRST_PLANET:]])
-            points = SkyCell(Track(stars.track.start_ns, nodes), magnitude)
+            ids = np.append(stars.ids, np.zeros(len(bodies.magnitude[FIRST_PLANET:]), dtype=np.int64))
+            points = SkyCell(Track(stars.track.start_ns, nodes), magnitude, ids)
             self._points, self._faintest = points, faintest_magnitude
         return points
 
@@ -339,7 +354,8 @@ class ShownScene(SimulatedScene):
             added_icrs, added_magnitude = added_objects(self._scenario.scene)
             nodes = np.concatenate([stars.icrs, added_icrs])
             magnitude = np.concatenate([stars.magnitude, added_magnitude])
-            points = SkyCell(Track(utc_ns, np.repeat(nodes[None], 4, axis=0)), magnitude)
+            ids = np.append(stars.ids, np.zeros(len(added_magnitude), dtype=np.int64))
+            points = SkyCell(Track(utc_ns, np.repeat(nodes[None], 4, axis=0)), magnitude, ids)
             self._points, self._faintest, self._picked_about = points, faintest_magnitude, boresight
         return points
 

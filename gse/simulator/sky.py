@@ -70,10 +70,11 @@ class Track:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkyCell:
-    """300 s of stars near a direction, with their magnitudes (N,)."""
+    """300 s of stars near a direction, with their magnitudes (N,) and numbers ``ids`` (N,), 0 of what is no star."""
 
     track: Track
     magnitude: NDArray[np.float64]
+    ids: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +124,7 @@ class Sky:
                 stars = merge_doubles(stars, self._merged_within_rad)
             nodes = self._seen(stars.icrs, times_of(start_ns))
         above = nodes[:, :, 2].min(axis=0) > 0
-        return SkyCell(Track(start_ns, np.ascontiguousarray(nodes[:, above])), stars.magnitude[above])
+        return SkyCell(Track(start_ns, np.ascontiguousarray(nodes[:, above])), stars.magnitude[above], stars.ids[above])
 
     def _seen(self, stars_icrs: NDArray[np.float64], times: Time) -> NDArray[np.float64]:
         """Stars (N, 3) as seen at instants (M,): unit vectors (M, N, 3) in the horizon frame."""

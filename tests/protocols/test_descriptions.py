@@ -50,6 +50,7 @@ def test_every_description_of_the_document_can_be_compiled() -> None:
     assert names == [
         "example-sensor",
         "items-and-commands",
+        "star-names",
         "every-key",
         "every-key-of-lines",
         "no-type-no-checksum",

@@ -1,10 +1,12 @@
 """Recorded sessions played to another program, through a real terminal or socket and the real driver."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from devices.items_sensor import NAMES_TEXT
 from devices.patience import PATIENCE_S
 
 from drivers.chunk import Chunk
@@ -15,10 +17,19 @@ from gse.cli.emulate import command
 from gse.errors import UsageError
 from gse.sessions.played import PlayedSession, played_session
 from gse.simulator.emulator import Endpoint, PortEndpoint, TcpEndpoint
-from gse.simulator.played_session import play
+from gse.simulator.played_session import ShiftedFrames, play
 from gse.simulator.pty_endpoint import PtyEndpoint
 from gse.values.sensor_time import utc_ns_of
-from protocols import Discard, Frame, FrameDecoder, PanoramaMessage, Protocol, load_protocol
+from protocols import (
+    Discard,
+    Frame,
+    FrameDecoder,
+    PanoramaMessage,
+    Protocol,
+    StarsMessage,
+    load_protocol,
+    parse_protocol,
+)
 
 GOLDEN = Path(__file__).parents[3] / "replays" / "golden"
 
@@ -122,6 +133,19 @@ def test_a_counter_begins_at_0() -> None:
     old, new = (tags_us(protocol, data("clear.mcap")) for data in (recorded, shifted_bytes))
     assert new[0] < 1_000_000 < old[-1]
     assert [tag - new[0] for tag in new] == [tag - old[0] for tag in old]
+
+
+def test_a_list_of_stars_keeps_the_time_of_its_panorama() -> None:
+    protocol = parse_protocol(NAMES_TEXT, "names.yaml")
+    frames, sent = ShiftedFrames(protocol, protocol.time, lambda: 0), b""
+    for number, time_us in enumerate((7_000_000, 7_100_000)):
+        panorama = replace(PanoramaMessage.empty(), time_us=time_us)
+        stars = StarsMessage(time_us, objects=(0,), stars=(number + 1,), residuals_arcsec=(1.5,))
+        sent += protocol.encode(panorama, 2 * number) + protocol.encode(stars, 2 * number + 1)
+    played = [protocol.decode(frame) for frame in frames_of(protocol, frames.feed(Chunk(0, 0, sent)))]
+    lists = [message for message in played if isinstance(message, StarsMessage)]
+    assert [(of.time_us, of.stars) for of in lists] == [(0, (1,)), (100_000, (2,))]
+    assert [message.time_us for message in played if isinstance(message, PanoramaMessage)] == [0, 100_000]
 
 
 def test_bytes_that_are_no_frame_go_out_as_they_came() -> None:

@@ -1,9 +1,11 @@
 """The names that a sensor gives to stars, against the stars that the station finds in its panoramas."""
 
+import json
 from pathlib import Path
 
 import pytest
 import yaml
+from devices.items_sensor import NAMES_TEXT
 
 from drivers.chunk import Chunk
 from drivers.session_file.reader import read_capture
@@ -129,3 +131,43 @@ def test_a_list_is_read_as_it_was_written():
     sent = StarsMessage(12_000, 0, (0, 4), (5_853_498_713_160_606_720, -1), (0.5, -3.0))
     (frame,) = FrameDecoder(protocol).feed(protocol.encode(sent, 3))
     assert protocol.decode(frame) == sent
+
+
+def run(gse, folder, swapped, text=NAMES_TEXT):
+    """The folder of 100 frames of a simulated sensor that swaps names in a share of its lists."""
+    (folder / "sensor.yaml").write_text(text, encoding="utf-8")
+    (folder / "scenario.yaml").write_text(f"text: names\nfirmware: {{swapped_names: {swapped}}}\n", encoding="utf-8")
+    station = f"{BUILT_IN_TEXT}\nprotocol: sensor.yaml\nlimits: {{wrong_names_share: 0.1}}\n"
+    (folder / "station.yaml").write_text(station, encoding="utf-8")
+    port = f"sim://?frames=100&scenario={folder / 'scenario.yaml'}"
+    gse("run", "--station", folder / "station.yaml", "--port", port, "--out", folder / "out")
+    (made,) = (folder / "out").iterdir()
+    return made
+
+
+def judged(session):
+    """The report of a session, and the row of its star names."""
+    report = json.loads((session / "report.json").read_text(encoding="utf-8"))
+    return report, next(row for row in report["measurements"] if row["name"] == "wrong star names")
+
+
+def test_the_simulated_sensor_names_its_stars_and_a_scenario_swaps_some(gse, tmp_path):
+    session = run(gse, tmp_path, 0.4)
+    report, row = judged(session)
+    names = report["star_names"]
+    assert (names["lists"], names["known_lists"], names["own_numbers"]) == (100, 100, False)
+    assert names["known"] > 800
+    assert names["residual_arcsec"] == pytest.approx(14, abs=3)  # 10 arcsec of noise along x and along y
+    assert 20 < names["wrong_lists"] < 60
+    assert row["outcome"] == "FAIL"
+    gse("replay", session, "--out", tmp_path / "replayed")
+    (replayed,) = (tmp_path / "replayed").iterdir()
+    assert (replayed / "report.json").read_bytes() == (session / "report.json").read_bytes()
+
+
+def test_a_narrow_field_has_numbers_of_the_sensors_own(gse, tmp_path):
+    assert "star, type: i64" in NAMES_TEXT
+    report, row = judged(run(gse, tmp_path, 0, NAMES_TEXT.replace("star, type: i64", "star, type: u16")))
+    names = report["star_names"]
+    assert (names["lists"], names["own_numbers"], names["wrong"]) == (100, True, 0)
+    assert row["outcome"] == "PASS"
