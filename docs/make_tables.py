@@ -13,7 +13,7 @@ from gse.campaign.atlas_table import atlas_schema
 from gse.report.frames_table import frames_schema
 from gse.report.housekeeping_table import housekeeping_schema
 from gse.report.sessions_table import sessions_schema
-from gse.report.stars_table import stars_schema
+from gse.report.stars_table import names_schema, stars_schema
 from gse.report.table_columns import SCHEMA_VERSION
 from gse.station.columns import COLUMNS, OWN_COLUMNS, Column
 from gse.station.results import Subject
@@ -30,6 +30,7 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
 | frames | panorama: time, answers of each subject, errors, sky | `gse.frames/{SCHEMA_VERSION}` |
 | stars | matched star and frame: residual, pixel phase, field position, temperature | `gse.stars/{SCHEMA_VERSION}` |
 | housekeeping | value of an item of the sensor's housekeeping, with its colour | `gse.housekeeping/{SCHEMA_VERSION}` |
+| names | star that the sensor names (`STARS`), with what the station finds there | `gse.names/{SCHEMA_VERSION}` |
 | atlas (of a campaign alone) | session with enough stars: its part of the error atlas | `gse.atlas/{SCHEMA_VERSION}` |
 
 * `key` joins the tables: the SHA-256 of what the results follow from, which are the session's bytes
@@ -49,6 +50,9 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
   angles from the boresight along columns and rows.
 * Housekeeping: `utc` is the host's, when the frame was complete; `value` is in `unit`, of words and bits it is the
   number on the wire beside its `word`. `colour` is that of the item's limits, null without any.
+* Names: `utc` is that of the panorama, `list` counts the lists of a session from 1, `object` is the place in the
+  panorama, `number` what the sensor calls the star; `star` and `star_id` are what the station finds there, null where
+  it finds none. `wrong` is null where nothing is known of the number. The first 1,000,000 names are kept.
 * `night` is the date of the evening on which the session's night began, in the mean time of the site's longitude.
 * A session that could not be judged has a row in sessions: `source`, `error`, and nulls.
 * Atlas: `phase` has the pixel phase error along columns and rows: the first harmonic (sine, cosine), its covariance
@@ -66,7 +70,7 @@ def page() -> str:
     """The whole page."""
     parts = [HEAD]
     schemas = {"sessions": sessions_schema, "frames": frames_schema, "stars": stars_schema, "atlas": atlas_schema}
-    schemas["housekeeping"] = housekeeping_schema
+    schemas |= {"housekeeping": housekeeping_schema, "names": names_schema}
     for name, schema in schemas.items():
         if name == "frames":
             parts += ["\n## frames\n\n| column | type | unit | meaning |\n|---|---|---|---|\n", *_frame_lines()]

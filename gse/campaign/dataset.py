@@ -5,6 +5,7 @@
     frames/sensor=NAME/night=2026-03-20/KEY.parquet      one row per panorama
     stars/sensor=NAME/night=2026-03-20/KEY.parquet       one row per matched star and frame
     housekeeping/sensor=NAME/night=2026-03-20/KEY.parquet  one row per value of an item of the sensor's housekeeping
+    names/sensor=NAME/night=2026-03-20/KEY.parquet       one row per star that the sensor names; none of a silent one
     atlas/sensor=NAME/night=2026-03-20/KEY.parquet       one row, or none of too few stars: its part of the error atlas
     index/sessions.parquet                               the rows of all sessions but report.json, for fast questions
     index/sources.parquet                                which source has which key, by size and time of change
@@ -82,7 +83,8 @@ def station_sha256(station: Station, text: str) -> str:
 
 SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 MARK = "dataset.json"
-SESSIONS, FRAMES, STARS, ATLAS, HOUSEKEEPING = "sessions", "frames", "stars", "atlas", "housekeeping"
+SESSIONS, FRAMES, STARS, ATLAS = "sessions", "frames", "stars", "atlas"
+HOUSEKEEPING, NAMES = "housekeeping", "names"
 REPORT_COLUMN = "report_json"
 UNKNOWN = "unknown"
 """Sensor and night of a session that could not be read: pandas does not read Hive's own name for null."""

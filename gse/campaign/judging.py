@@ -30,6 +30,7 @@ from gse.campaign.dataset import (
     ATLAS,
     FRAMES,
     HOUSEKEEPING,
+    NAMES,
     OWN_STATION,
     REPORT_COLUMN,
     SESSIONS,
@@ -53,7 +54,7 @@ from gse.report.housekeeping_table import housekeeping_parts
 from gse.report.parquet import write_parquet
 from gse.report.result_key import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import failed_session, sessions_table
-from gse.report.stars_table import stars_parts
+from gse.report.stars_table import names_parts, stars_parts
 from gse.report.table_columns import field
 from gse.sessions.replay import replay_session
 from gse.station.setup import keep_one_sky
@@ -246,6 +247,7 @@ def _results(path: Path, key: ResultKey, job: Job, source: SessionSource, folder
         STARS: stars_parts(session, key.text),
         FRAMES: frames_parts(session, assessment.statistics, key.text),
         HOUSEKEEPING: housekeeping_parts(session, key.text),
+        **({NAMES: names_parts(session, key.text)} if len(session.star_names.rows) else {}),
         SESSIONS: [rows],
     }
     place, camera = Committed(session.station.sensor.name, _night(row), key.text), session.station.sensor.camera()

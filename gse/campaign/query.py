@@ -9,21 +9,27 @@ import duckdb
 
 from drivers.outside_text import long_table_cell, plain_line, plain_lines
 from gse.campaign.atlas_table import atlas_schema
-from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, HOUSEKEEPING, REPORT_COLUMN, SESSIONS, STARS, DataSet
+from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, HOUSEKEEPING, NAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
 from gse.campaign.storage import protocol_of
 from gse.errors import UsageError
 from gse.report.frames_table import frames_schema
 from gse.report.housekeeping_table import housekeeping_schema
-from gse.report.stars_table import stars_schema
+from gse.report.stars_table import names_schema, stars_schema
 
 REPORTS = "reports"
-_SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema, ATLAS: atlas_schema, HOUSEKEEPING: housekeeping_schema}
+_SCHEMAS = {
+    FRAMES: frames_schema,
+    STARS: stars_schema,
+    ATLAS: atlas_schema,
+    HOUSEKEEPING: housekeeping_schema,
+    NAMES: names_schema,
+}
 _ROWS_AT_ONCE = 10_000
 _DAMAGED = ("No magic bytes", "too small to be a Parquet file", "TProtocolException", "corrupt", "ZSTD")
 
 
 def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
-    """Write the answer to a question to sessions, frames, stars, atlas and reports; UsageError where DuckDB refuses it.
+    """Write the answer to a question to the tables of a data set; UsageError where DuckDB refuses it.
 
     ``form`` is text (DuckDB's own table of the first rows), csv with a head, or json with one object per line. Instants
     are UTC, to the nanosecond.

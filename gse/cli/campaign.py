@@ -190,7 +190,8 @@ def report_command(
     help="Form of the answer; json has one object per line.",
 )
 def query_command(*, dataset_url: str, sql: str, form: str) -> None:
-    """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, atlas, and reports (report_json).
+    """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, housekeeping, names, atlas,
+    and reports (report_json).
 
     For example: gse campaign query DATASET "select sensor, verdict, count(*) from sessions group by all"
     """

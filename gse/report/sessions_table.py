@@ -17,7 +17,7 @@ from gse.procedure.as_run import StepRun
 from gse.report.frames_table import frames_table
 from gse.report.housekeeping_table import housekeeping_table
 from gse.report.result_key import ResultKey
-from gse.report.stars_table import stars_table
+from gse.report.stars_table import names_table, stars_table
 from gse.report.table_columns import (
     COUNT,
     FLAG,
@@ -289,7 +289,7 @@ def _verdict(assessment: Assessment | None) -> Iterator[TableCell]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionTables:
-    """Tables of sessions, frames, stars and housekeeping; their rows are joined by ``key``.
+    """Tables of sessions, frames, stars, housekeeping and names; their rows are joined by ``key``.
 
     Those of frames and stars are joined by ``frame``, too.
     """
@@ -298,6 +298,7 @@ class SessionTables:
     frames: pa.Table
     stars: pa.Table
     housekeeping: pa.Table
+    names: pa.Table
 
 
 def session_tables(
@@ -309,4 +310,5 @@ def session_tables(
         frames_table(session, assessment.statistics, key.text),
         stars_table(session, key.text),
         housekeeping_table(session, key.text),
+        names_table(session, key.text),
     )

@@ -1,4 +1,7 @@
-"""The table of stars: one row per matched star and frame, with residual, pixel phase, place in the field, temperature.
+"""The tables of stars and of names.
+
+Stars: one row per matched star and frame, with residual, pixel phase, place in the field, temperature. Names: one row
+per star that the sensor names (STARS messages), with what the station finds there.
 
 Thinning: the rows are those that the frame table keeps (gse.station.frame_table). All matches of a frame are kept or
 none: of every frame first, of every second, fourth, ... as soon as a session has more than MOST_MATCHES of them.
@@ -8,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from gse.catalog.stars import ListedStars
@@ -16,6 +20,7 @@ from gse.report.parquet import ROWS_AT_ONCE
 from gse.report.table_columns import UTC, field, schema
 from gse.station.frame_table import MATCH, xy_px_of
 from gse.station.session_data import SessionData
+from gse.station.star_names import judged_names
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD
 
@@ -38,6 +43,22 @@ def stars_schema() -> pa.Schema:
         ("temperature_c", pa.float32()),
     ]
     return schema("stars", [field(name, kind) for name, kind in kinds])
+
+
+def names_schema() -> pa.Schema:
+    """The schema of the table of names."""
+    kinds = [
+        ("key", KEY),
+        ("utc", UTC),
+        ("list", pa.uint32()),
+        ("object", pa.uint16()),
+        ("number", pa.int64()),
+        ("star", _STAR),
+        ("star_id", pa.int64()),
+        ("wrong", pa.bool_()),
+        ("residual_arcsec", pa.float32()),
+    ]
+    return schema("names", [field(name, kind) for name, kind in kinds])
 
 
 def stars_table(session: SessionData, key: str) -> pa.Table:
@@ -98,3 +119,29 @@ def _places(matches: NDArray[np.void], camera: Camera) -> dict[str, pa.Array]:
     columns = {"phase_x_px": phase_px[:, 0], "phase_y_px": phase_px[:, 1]}
     columns |= {"field_x_deg": field_deg[:, 0], "field_y_deg": field_deg[:, 1]}
     return {name: numbers(values.astype(np.float32)) for name, values in columns.items()}
+
+
+def names_table(session: SessionData, key: str) -> pa.Table:
+    """The sensor's names by the instants of their panoramas; ``star`` and ``wrong`` are null where nobody knows."""
+    return pa.concat_tables(names_parts(session, key), promote_options="none").unify_dictionaries()
+
+
+def names_parts(session: SessionData, key: str) -> Iterator[pa.Table]:
+    """The same table in parts, at least one."""
+    rows, stars = session.star_names.rows, session.stars
+    unknown = rows["star"] < 0
+    is_known, is_wrong, _ = judged_names(rows, stars) if stars else (np.zeros(len(rows), dtype=np.bool_), unknown, True)
+    order = np.argsort(rows["utc_ns"], kind="stable")
+    for first in range(0, max(len(rows), 1), ROWS_AT_ONCE):
+        some = order[first : first + ROWS_AT_ONCE]
+        part, nameless = rows[some], unknown[some]
+        found = _names(np.maximum(part["star"], 0), stars)
+        arrays = {
+            "key": same_key(key, len(part)),
+            "utc": instants(np.ascontiguousarray(part["utc_ns"])),
+            **{name: pa.array(np.ascontiguousarray(part[name])) for name in ("list", "object", "number")},
+            **{name: pc.if_else(pa.array(nameless), None, found[name]) for name in ("star", "star_id")},
+            "wrong": pa.array(is_wrong[some], mask=~is_known[some]),
+            "residual_arcsec": numbers(np.ascontiguousarray(part["residual_arcsec"])),
+        }
+        yield table_of(arrays, names_schema(), len(part))

@@ -110,13 +110,14 @@ def export_bytes(path: Path, out: BinaryIO, topic: str = RX) -> Exported:
 #     /results/onboard   answers and errors of the identifier under test
 #     /results/sensor    those that the sensor itself sends, where it sends them
 #     /results/item      each value of the sensor's housekeeping, when it came
+#     /results/name      each star that the sensor names, at the mid-exposure of its panorama
 #     /results/verdict   verdict and reasons, once, at the last panorama
 #
 # Keys are the columns of docs/tables.md without their subject. The records of the session are copied with their
 # instants; ``session.mcap`` itself is never touched.
 
-TABLES = ("sessions", "frames", "stars", "housekeeping")
-FRAME, VERDICT, ITEM = "/results/frame", "/results/verdict", "/results/item"
+TABLES = ("sessions", "frames", "stars", "housekeeping", "names")
+FRAME, VERDICT, ITEM, NAME = "/results/frame", "/results/verdict", "/results/item", "/results/name"
 _ROWS_AT_ONCE = 4096
 _LIBRARY = "gse-star-sensor"
 _VERDICT_SCHEMA = {
@@ -144,12 +145,16 @@ def export_mcap(session: Path, tables: SessionTables, out: Path) -> int:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(library=_LIBRARY)
         topics = _Topics(writer, [*_topics(tables.frames)])
-        of_items = _Topic(ITEM, tuple(column for column in tables.housekeeping.schema if column.name != "key"), "")
-        topics.describe(of_items)
+        others = [
+            (table, _Topic(name, tuple(column for column in table.schema if column.name != "key"), ""))
+            for table, name in ((tables.housekeeping, ITEM), (tables.names, NAME))
+        ]
+        for _, topic_of_rows in others:
+            topics.describe(topic_of_rows)
         for utc_ns, topic, data in heapq.merge(
             _bytes(session, writer),
             _results(tables, topics.of_frames),
-            _rows_of(tables.housekeeping, [of_items]),
+            *(_rows_of(table, [topic_of_rows]) for table, topic_of_rows in others),
             key=lambda message: message[0],
         ):
             count += topic.startswith("/results/")

@@ -136,23 +136,31 @@ class NamedStars:
     most: tuple[WrongName, ...]
 
 
-def named_stars(rows: NDArray[np.void], stars: ListedStars | None) -> NamedStars | None:
-    """What rows of STAR_NAME are worth; None where there are none."""
-    if not len(rows) or stars is None:
-        return None
-    known = rows[rows["star"] >= 0]
-    numbers, right = np.unique(known["number"]), stars.ids[known["star"]]
-    is_listed = np.isin(numbers, stars.ids)
-    own_numbers = bool(2 * is_listed.sum() < len(numbers))
+def judged_names(rows: NDArray[np.void], stars: ListedStars) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:
+    """Of which of rows (N,) of STAR_NAME the star is known, which are wrong, and whether the numbers are the sensor's
+    own."""
+    is_known, is_wrong = rows["star"] >= 0, np.zeros(len(rows), dtype=np.bool_)
+    known = rows[is_known]
+    numbers = np.unique(known["number"])
+    own_numbers = bool(2 * np.isin(numbers, stars.ids).sum() < len(numbers))
     if own_numbers:
         pairs, count = np.unique(known[["number", "star"]], return_counts=True)
         order = np.lexsort((pairs["star"], -count, pairs["number"]))
         first = order[np.unique(pairs["number"][order], return_index=True)[1]]
-        wrong = known["star"] != pairs["star"][first][np.searchsorted(numbers, known["number"])]
+        is_wrong[is_known] = known["star"] != pairs["star"][first][np.searchsorted(numbers, known["number"])]
     else:
-        known, right = (of[np.isin(known["number"], stars.ids)] for of in (known, right))
-        wrong = known["number"] != right
-    pairs, count = np.unique(known[wrong][["number", "star"]], return_counts=True)
+        is_known &= np.isin(rows["number"], stars.ids)
+        is_wrong[is_known] = rows["number"][is_known] != stars.ids[rows["star"][is_known]]
+    return is_known, is_wrong, own_numbers
+
+
+def named_stars(rows: NDArray[np.void], stars: ListedStars | None) -> NamedStars | None:
+    """What rows of STAR_NAME are worth; None where there are none."""
+    if not len(rows) or stars is None:
+        return None
+    is_known, is_wrong, own_numbers = judged_names(rows, stars)
+    known, wrong = rows[is_known], rows[is_wrong]
+    pairs, count = np.unique(wrong[["number", "star"]], return_counts=True)
     most = [
         WrongName(int(pairs["number"][k]), stars.name(int(pairs["star"][k])), int(count[k]))
         for k in np.argsort(-count, kind="stable")[:_MOST_WRONG]
@@ -163,8 +171,8 @@ def named_stars(rows: NDArray[np.void], stars: ListedStars | None) -> NamedStars
         names=len(rows),
         known=len(known),
         known_lists=len(np.unique(known["list"])),
-        wrong=int(wrong.sum()),
-        wrong_lists=len(np.unique(known["list"][wrong])),
+        wrong=len(wrong),
+        wrong_lists=len(np.unique(wrong["list"])),
         own_numbers=own_numbers,
         residual_arcsec=float(np.sqrt((stated**2).mean())) if len(stated) else float("nan"),
         most=tuple(most),

@@ -3,14 +3,21 @@
 import json
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from devices.items_sensor import NAMES_TEXT
+from mcap.reader import make_reader
 
 from drivers.chunk import Chunk
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX
+from gse.campaign.dataset import DataSet
+from gse.campaign.engine import plan_campaign
+from gse.campaign.judging import judge_source
+from gse.campaign.sources import find_sources
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.report.stars_table import names_schema
 from gse.station.loop import StationLoop
 from gse.station.setup import set_up
 from gse.station.star_names import named_stars
@@ -151,6 +158,33 @@ def judged(session):
     return report, next(row for row in report["measurements"] if row["name"] == "wrong star names")
 
 
+def assert_exported(gse, session, folder, names):
+    """The tables and topics of a session, and of a campaign of it, have the names of its report."""
+    assert gse("session", "export", "--format", "parquet", session, "-o", folder / "tables").code == 0
+    table = pq.read_table(folder / "tables" / "names.parquet")
+    assert table.schema.equals(names_schema(), check_metadata=True)
+    rows = table.drop_columns("utc").to_pylist()
+    assert len(rows) == names["names"]
+    assert len([row for row in rows if row["wrong"] is not None]) == names["known"]
+    wrong = [row for row in rows if row["wrong"]]
+    assert (len(wrong), len({row["list"] for row in wrong})) == (names["wrong"], names["wrong_lists"])
+    assert all(row["number"] != row["star_id"] for row in wrong)
+    assert all(row["number"] == row["star_id"] and row["star"] for row in rows if row["wrong"] is False)
+    assert all((row["star"] is None) == (row["star_id"] is None) for row in rows)
+    assert gse("session", "export", "--format", "mcap", session, "-o", folder / "results.mcap").code == 0
+    with (folder / "results.mcap").open("rb") as file:
+        sent = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages(["/results/name"])]
+    assert [(of["list"], of["object"], of["wrong"]) for of in sent] == [
+        (row["list"], row["object"], row["wrong"]) for row in rows
+    ]
+    campaign = plan_campaign(find_sources([str(session)]), DataSet.at(str(folder / "data"), create=True))
+    (outcome,) = [judge_source(source, campaign.job) for source in campaign.todo]
+    assert outcome.error == ""
+    campaign.dataset.renew_index([])
+    sql = "select count(*) as wrong from names where wrong"
+    assert gse("campaign", "query", folder / "data", sql, "--format", "csv").out.split() == ["wrong", str(len(wrong))]
+
+
 def test_the_simulated_sensor_names_its_stars_and_a_scenario_swaps_some(gse, tmp_path):
     session = run(gse, tmp_path, 0.4)
     report, row = judged(session)
@@ -160,6 +194,7 @@ def test_the_simulated_sensor_names_its_stars_and_a_scenario_swaps_some(gse, tmp
     assert names["residual_arcsec"] == pytest.approx(14, abs=3)  # 10 arcsec of noise along x and along y
     assert 20 < names["wrong_lists"] < 60
     assert row["outcome"] == "FAIL"
+    assert_exported(gse, session, tmp_path, names)
     gse("replay", session, "--out", tmp_path / "replayed")
     (replayed,) = (tmp_path / "replayed").iterdir()
     assert (replayed / "report.json").read_bytes() == (session / "report.json").read_bytes()
