@@ -5,6 +5,7 @@
     results/<path>/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
                             answers.parquet                                   the sensor's own answers as they came
                             items.parquet                                     the sensor's housekeeping
+                            names.parquet, catalog.parquet                    its names of stars; all stars, with names
                             others.parquet                                    objects that no answer names
                             context.json                                      the rest; SHA-256 of itself and each file
 
@@ -60,6 +61,7 @@ from gse.station.frame_table import MATCH, MOST_IN_MEMORY, OTHER, FrameTable
 from gse.station.item_table import ITEM, Housekeeping, ItemSummary
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
+from gse.station.star_names import STAR_NAME, StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.values.power import PowerReading
 from gse.values.shown import Shown
@@ -137,7 +139,8 @@ class KeptContext(BaseModel):
         session.earth_orientation = EarthOrientation.from_json(text) if text is not None else None
 
 
-CONTEXT, _ITEMS = "context.json", "items.parquet"
+CONTEXT, _ITEMS, _NAMES, _CATALOG = "context.json", "items.parquet", "names.parquet", "catalog.parquet"
+_LISTED = np.dtype([("id", "i8"), ("magnitude", "f8")])
 MOST_BYTES = 2 << 30
 """Most bytes of all kept results; those that were used longest ago go first."""
 MOST_CONTEXT_BYTES = 64 << 20
@@ -208,7 +211,10 @@ def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: P
     write_parquet(stars_parts(session, key.text), part / "stars.parquet")
     write_parquet([_table(session.sensor_attitudes.columns)], part / "answers.parquet")
     write_parquet([_table(session.frames.others)], part / "others.parquet")
-    write_parquet(_item_parts(session.housekeeping), part / _ITEMS)
+    write_parquet(_parts(session.housekeeping.rows, ITEM), part / _ITEMS)
+    names = session.star_names.rows
+    write_parquet(_parts(names, STAR_NAME), part / _NAMES)
+    write_parquet([_table(_listed(session.stars if len(names) else None))], part / _CATALOG)
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
     stride, context = session.frames.picture_stride, KeptContext.from_session(session)
     manifest = _Manifest.model_construct(key=key.text, files=files, picture_stride=stride, context=context)
@@ -224,12 +230,16 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
     session = SessionData(station, station_text, context.protocol_name)
     context.give_to(session)
     with contextlib.ExitStack() as files:
-        frames, stars, answers, others, items = (
+        frames, stars, answers, others, items, names, catalog = (
             files.enter_context(_columns(whole / name, manifest.files, schema)) for name, schema in _schemas().items()
         )
         stride = manifest.picture_stride
         session.frames = restored_frames(frames, stars, context.subject, _rows(others, OTHER), stride)
         session.stars = restored_stars(stars, context.designation)
+        session.star_names = StarNames(_rows(names, STAR_NAME))
+        if catalog.num_rows:
+            listed = _rows(catalog, _LISTED)
+            session.stars = ListedStars(context.designation, listed["id"].copy(), listed["magnitude"].copy())
         session.housekeeping = Housekeeping.restored(
             context.items, context.parameters, context.item_summaries, context.item_stride, _rows(items, ITEM)
         )
@@ -238,7 +248,7 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
 
 
 def _schemas() -> dict[str, pa.Schema]:
-    plain = {"answers.parquet": OWN_ANSWER, "others.parquet": OTHER, _ITEMS: ITEM}
+    plain = {"answers.parquet": OWN_ANSWER, "others.parquet": OTHER, _ITEMS: ITEM, _NAMES: STAR_NAME, _CATALOG: _LISTED}
     own = {file: _table(np.zeros(0, dtype)).schema for file, dtype in plain.items()}
     return {"frames.parquet": frames_schema(), "stars.parquet": stars_schema(), **own}
 
@@ -279,12 +289,18 @@ def _table(rows: NDArray[np.void]) -> pa.Table:
     return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in rows.dtype.names or ()})
 
 
-def _item_parts(housekeeping: Housekeeping) -> Iterator[pa.Table]:
-    """The rows of housekeeping in parts, at least one."""
-    rows = housekeeping.rows
+def _listed(stars: ListedStars | None) -> NDArray[np.void]:
+    rows = np.zeros(len(stars.ids) if stars else 0, dtype=_LISTED)
+    if stars:
+        rows["id"], rows["magnitude"] = stars.ids, stars.magnitude
+    return rows
+
+
+def _parts(rows: Any, dtype: "np.dtype[np.void]") -> Iterator[pa.Table]:
+    """Many rows of a dtype in parts, at least one."""
     for first in range(0, max(len(rows), 1), ROWS_AT_ONCE):
         part = rows[first : first + ROWS_AT_ONCE]
-        yield pa.table({name: pa.array(np.ascontiguousarray(part[name])) for name in ITEM.names or ()})
+        yield pa.table({name: pa.array(np.ascontiguousarray(part[name])) for name in dtype.names or ()})
 
 
 def _rows(columns: ParquetColumns, dtype: "np.dtype[np.void]") -> NDArray[np.void]:
@@ -354,7 +370,7 @@ def session_alone(
 def _derived(place: _Place | None, derive: Callable[[], Replay], tell: Callable[[str], None]) -> Judged:
     replay = derive()
     assessment = judge(replay.session)
-    if place and not len(replay.session.star_names.rows):  # no table of kept results has them
+    if place:
         _keep(replay.session, assessment, place, tell)
     return Judged(replay.session, assessment, replay.own_elapsed_us)
 
@@ -384,7 +400,7 @@ def keep_live(session: SessionData, assessment: Assessment, path: Path, tell: Ca
     place = None
     with contextlib.suppress(UsageError):  # a session alone names no file of this host, and nothing is kept of such
         place = _place_of(path, lambda recorded: recorded)
-    if place and not len(session.star_names.rows):
+    if place:
         _keep(session, assessment, place, tell)
 
 

@@ -32,6 +32,7 @@ from gse.sessions.replay import replay_session
 from gse.station.events import ClockStep, StationKind
 from gse.station.session_data import SessionData
 from gse.station.setup import versions
+from gse.station.star_names import STAR_NAME, StarNames, named_stars
 from gse.truth import Alignment
 from gse.values.power import PowerReading
 from gse.verdict.assessment import judge
@@ -111,6 +112,21 @@ def test_every_field_of_a_session_comes_back(session, folder: Path) -> None:
     assert [type(event) for event in back.events] == [type(event) for event in session.events]
 
 
+def test_names_of_stars_come_back_with_the_catalogue_that_judges_them(session, tmp_path: Path) -> None:
+    names = np.zeros(4, STAR_NAME)
+    ids = session.stars.ids
+    matched = np.unique(session.frames.matches["star"])
+    other = np.setdiff1d(np.arange(len(ids)), matched)[-1]  # a number of a star that no frame matches
+    names["number"], names["star"] = (ids[0], ids[other], 5, ids[0]), (0, 1, 2, -1)
+    names["utc_ns"], names["list"], names["residual_arcsec"] = START_NS, 1, (1.5, np.nan, 2.5, 0)
+    made = dataclasses.replace(session, star_names=StarNames(names))
+    keep(made, judge(made), KEY, tmp_path)
+    back = of(tmp_path, made)
+    assert back.star_names.rows.tobytes() == names.tobytes()
+    assert (named_stars(names, session.stars).known, named_stars(names, session.stars).wrong) == (2, 1)
+    assert judge(back).statistics.names == judge(made).statistics.names
+
+
 @pytest.mark.parametrize("golden", ["clear.mcap", "ccsds-packets.mcap"])  # a counter, and an absolute clock
 def test_the_report_from_kept_results_has_the_bytes_of_a_derivation(tmp_path: Path, golden: str) -> None:
     path = tmp_path / golden
@@ -150,7 +166,9 @@ def test_results_of_another_key_are_not_found(session, folder: Path) -> None:
         of(folder, session, other)
 
 
-@pytest.mark.parametrize("name", ["frames.parquet", "stars.parquet", "answers.parquet", "others.parquet", CONTEXT])
+@pytest.mark.parametrize(
+    "name", ["frames.parquet", "stars.parquet", "answers.parquet", "others.parquet", "names.parquet", CONTEXT]
+)
 def test_a_damaged_file_is_told(session, folder: Path, name: str) -> None:
     path = folder / KEY.text / name
     content = bytearray(path.read_bytes())

@@ -194,6 +194,9 @@ def test_the_simulated_sensor_names_its_stars_and_a_scenario_swaps_some(gse, tmp
     assert names["residual_arcsec"] == pytest.approx(14, abs=3)  # 10 arcsec of noise along x and along y
     assert 20 < names["wrong_lists"] < 60
     assert row["outcome"] == "FAIL"
+    written = (session / "report.json").read_bytes()
+    assert "are used" in gse("report", session).err  # the kept results
+    assert (session / "report.json").read_bytes() == written
     assert_exported(gse, session, tmp_path, names)
     gse("replay", session, "--out", tmp_path / "replayed")
     (replayed,) = (tmp_path / "replayed").iterdir()
