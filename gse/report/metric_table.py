@@ -23,11 +23,13 @@ def metric_table(documents: list[dict[str, Any]], subject: str) -> list[Line]:
 
 
 def metrics_in_markdown(stats: Statistics) -> str:
-    """The known metrics as a narrow table in Markdown, for the panel of a view, and the names of the others."""
+    """The known metrics as a narrow table in Markdown, for the panel of a view, wrong star names, and the names of the
+    metrics that are not known."""
     documents = plain([*metrics(stats)])
     known = [metric for metric in documents if metric["value"] is not None]
     lines = [f"| {_name(metric, of_several=len(stats.subjects) > 1)} | {_cell(metric)} |" for metric in known]
     absent = dict.fromkeys(metric["name"] for metric in documents if metric["value"] is None)
+    lines += [f"| wrong star names | {stats.names} |"] if stats.names else []
     table = "\n".join(["| x: along columns, y: along rows | |", "|---|---|", *lines])
     return f"{table}\n\nnot known in this session so far: {'; '.join(absent)}" if absent else table
 

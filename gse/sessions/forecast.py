@@ -86,6 +86,7 @@ class Forecast:
             with suppress(Exception):  # a forecast that fails must not end the session; the verdict will say why
                 assessment = judge(session)
                 self._live.forecast = forecast_text(assessment)
+                self._live.names = assessment.statistics.names
                 self._live.metrics = metrics_in_markdown(assessment.statistics)
             trim()  # all threads allocate in heaps of their own, whose holes grew by 4 MiB a minute
             if self._closing.wait(max(EVERY_S, _PAUSES * (time.thread_time() - began_s))):
@@ -103,6 +104,7 @@ def snapshot(session: SessionData) -> SessionData:
         clock=list(session.clock),
         statuses=list(session.statuses),
         sensor_attitudes=copy.copy(session.sensor_attitudes),
+        star_names=session.star_names.snapshot(),
         external_counts=copy.deepcopy(session.external_counts),
         shown=replace(session.shown, shown=list(session.shown.shown)),
     )

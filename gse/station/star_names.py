@@ -52,6 +52,12 @@ class StarNames:
         """All names so far, rows of STAR_NAME."""
         return np.concatenate(self._parts)
 
+    def snapshot(self) -> "StarNames":
+        """The names so far, which later ones do not change."""
+        taken = StarNames()
+        taken._parts = self._parts.copy()
+        return taken
+
     def between(self, from_ns: int, until_ns: int) -> "StarNames":
         """Those of the panoramas of a stretch of UTC."""
         rows = self.rows
@@ -134,6 +140,9 @@ class NamedStars:
     own_numbers: bool
     residual_arcsec: float
     most: tuple[WrongName, ...]
+
+    def __str__(self) -> str:
+        return f"{self.wrong} of {self.known}, in {self.wrong_lists} of {self.known_lists} lists"
 
 
 def judged_names(rows: NDArray[np.void], stars: ListedStars) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:

@@ -348,9 +348,11 @@ class Glance:
         }
 
     def _items(self) -> list[tuple[str, str, str]]:
-        """Name, text and colour of the latest value of each item: red ones first, then yellow ones."""
+        """Name, text and colour of each line: wrong star names, then the latest items, red and yellow ones first."""
+        names = self._live.names
+        named = [("wrong star names", str(names), "yellow" if names.wrong else "green")] if names else []
         latest = sorted(self._live.items.items(), key=lambda of: -COLOURS.index(of[1].colour))
-        return [(name, item.text, item.colour) for name, item in latest[:_ITEMS_SHOWN]]
+        return [*named, *((name, item.text, item.colour) for name, item in latest[:_ITEMS_SHOWN])]
 
     def _clock(self) -> str | None:
         so_far = self._so_far

@@ -25,6 +25,7 @@ from gse.station.item_table import Housekeeping, ItemNow
 from gse.station.own_answers import NO_OWN_ERRORS, NewOwnErrors
 from gse.station.results import ERRORS, AnswerCheck, AttitudeError, LinkCounters, Status, Subject
 from gse.station.session_data import SessionData
+from gse.station.star_names import NamedStars
 from gse.values.axis import D_DE, D_RA_COSDE, Axis
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
@@ -396,17 +397,18 @@ def _host_minus_sensor_s(session: SessionData) -> float:
 class LiveState:
     """A listener of the station loop that knows how the session of a ``station`` stands (``so_far``).
 
-    ``forecast`` is the line on the time to a verdict and ``metrics`` a table in Markdown, both empty before they are
-    known: another thread sets them; ``alarms`` are those that nobody has seen yet, ``question`` is what a procedure
-    asks its operator now. ``page`` is the address of the live page, None without one. ``housekeeping`` is that of the
-    session, once there is one. ``in_work_since_ns`` says when the bytes came that the loop works on (monotonic; 0: it
-    waits for some).
+    ``forecast`` is the line on the time to a verdict, ``metrics`` a table in Markdown and ``names`` what the sensor's
+    names of stars are worth, all empty before they are known: another thread sets them; ``alarms`` are those that
+    nobody has seen yet, ``question`` is what a procedure asks its operator now. ``page`` is the
+    address of the live page, None without one. ``housekeeping`` is that of the session, once there is one.
+    ``in_work_since_ns`` says when the bytes came that the loop works on (monotonic; 0: it waits for some).
     """
 
     def __init__(self, station: Station) -> None:
         self.station = station
         self.so_far = SessionSoFar(station.limits)
         self.forecast = self.metrics = ""
+        self.names: NamedStars | None = None
         self.alarms: tuple[str, ...] = ()
         self.question = ""
         self.page: str | None = None

@@ -7,11 +7,15 @@ import pytest
 from devices.patience import PATIENCE_S
 from skies.known_nights import VOUCHED
 from skies.one_by_one import add_frame, results_of
-from skies.synthetic_night import synthetic_frames, synthetic_night
+from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
+from drivers.clock import read_clock
 from gse.sessions.forecast import Forecast, forecast_text, snapshot
+from gse.station.star_names import STAR_NAME, StarNames
 from gse.verdict.assessment import judge
+from gse.view.glance import Glance
 from gse.view.live_state import LiveState
+from protocols import StarsMessage
 
 
 def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
@@ -20,12 +24,17 @@ def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
     columns, matches = taken.frames.columns.rows(), taken.frames.matches.copy()
     for frame in synthetic_frames(200, seed=2):
         add_frame(session.frames, frame)
+    results = results_of([*synthetic_frames(1)])
+    time_us, frame_no = int(results.panoramas.time_us[0]), int(results.panoramas.frame_no[0])
+    session.star_names.take_list(StarsMessage(time_us, frame_no, objects=(0,), stars=(5,)))
+    session.star_names.take_results(results)
     session.link.frames += 200
     session.events.clear()
     assert len(session.frames) == 400
     assert len(session.frames.matches) > len(matches)
     assert taken.frames.columns.rows().tobytes() == columns.tobytes()
     assert taken.frames.matches.tobytes() == matches.tobytes()
+    assert (len(session.star_names.rows), len(taken.star_names.rows)) == (1, 0)
     assert taken.events
     assert taken.link.frames == session.link.frames - 200
     assert str(judge(taken).rows) == str(judge(synthetic_night(200)).rows)
@@ -53,6 +62,10 @@ def test_a_session_without_an_answer_has_no_verdict_ahead_of_it() -> None:
 
 def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
     session = synthetic_night(100)
+    session.stars, names = small_catalog().listed, np.zeros(3, STAR_NAME)
+    names["list"], names["number"] = (1, 1, 2), session.stars.ids[[0, 1, 1]]
+    names["star"] = 0, 1, 0
+    session.star_names = StarNames(names)
     (frame,) = synthetic_frames(1)
     live = LiveState(session.station)
     forecast = Forecast(live)
@@ -66,5 +79,9 @@ def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
             pause.wait(0.05)
         assert live.forecast
         assert "| noise equivalent angle, x | " in live.metrics
+        assert "| wrong star names | 1 of 3, in 1 of 2 lists |" in live.metrics
+        assert Glance(live).document(read_clock())["items"] == [
+            ("wrong star names", "1 of 3, in 1 of 2 lists", "yellow")
+        ]
     finally:
         forecast.close()
