@@ -313,7 +313,8 @@ def _rows(columns: ParquetColumns, dtype: "np.dtype[np.void]") -> NDArray[np.voi
 def _drop_oldest(results: Path) -> None:
     """Remove those that were used longest ago, where all of them take too much; the latest stay."""
     with contextlib.suppress(FileNotFoundError):  # another process removes the same
-        latest_first = sorted(results.glob("*/*"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        kept = (path for path in results.glob("*/*") if path.is_dir())
+        latest_first = sorted(kept, key=lambda path: path.stat().st_mtime_ns, reverse=True)
         sizes = [sum(file.stat().st_size for file in path.iterdir()) for path in latest_first]
         for path, up_to_it in list(zip(latest_first, itertools.accumulate(sizes), strict=True))[1:]:
             if up_to_it > MOST_BYTES:

@@ -139,6 +139,8 @@ _BEYOND_RAD = 0.05
 """How far beyond the field a star simulator's stars are kept ready for a sensor that turns."""
 _SAME_WITHIN_PX = 3.0
 """So near to a star an object is that star."""
+_PX_PER_MAGNITUDE = 0.3
+"""Of two stars so near it is the nearer one, unless the other is much brighter."""
 _STEP_RAD = 1e-3
 _CAPPED_MAGNITUDE = 40.0
 """Per square arcsecond: no light at all."""
@@ -201,14 +203,15 @@ class SimulatedScene:
     def stars_at(self, utc_ns: int, xy_px: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """The number of the star that each object of an exposure is, by its pixels (N, 2), and how far it is from there
         in arcsec; 0 where there is none."""
-        if not len(xy_px):
-            return np.zeros(0, dtype=np.int64), np.zeros(0)
-        points = self._points_at(utc_ns, self._faintest)
+        points = self._points_at(utc_ns, self._faintest) if len(xy_px) else None
+        if points is None or not len(points.ids):
+            return np.zeros(len(xy_px), dtype=np.int64), np.zeros(len(xy_px))
         off_px = np.hypot(*(xy_px[:, None] - self._pixels(points, utc_ns)).transpose(2, 0, 1))
-        is_near = off_px < _SAME_WITHIN_PX
-        brightest = np.where(is_near, points.magnitude, np.inf).argmin(axis=1)[:, None]
-        ids = np.where(np.take_along_axis(is_near, brightest, 1)[:, 0], points.ids[brightest[:, 0]], 0)
-        return ids, np.take_along_axis(off_px, brightest, 1)[:, 0] * self.camera.pixel_rad / ARCSEC_RAD
+        unlikely = np.where(off_px < _SAME_WITHIN_PX, off_px + _PX_PER_MAGNITUDE * points.magnitude, np.inf)
+        star = unlikely.argmin(axis=1)
+        off_px = off_px[np.arange(len(star)), star]
+        ids = np.where(off_px < _SAME_WITHIN_PX, points.ids[star], 0)
+        return ids, off_px * self.camera.pixel_rad / ARCSEC_RAD
 
     def bodies(self, utc_ns: int) -> BodyCell:
         """Sun, Moon and planets."""

@@ -120,8 +120,8 @@ def test_names_of_stars_come_back_with_the_catalogue_that_judges_them(session, t
     names["number"], names["star"] = (ids[0], ids[other], 5, ids[0]), (0, 1, 2, -1)
     names["utc_ns"], names["list"], names["residual_arcsec"] = START_NS, 1, (1.5, np.nan, 2.5, 0)
     made = dataclasses.replace(session, star_names=StarNames(names))
-    keep(made, judge(made), KEY, tmp_path)
-    back = of(tmp_path, made)
+    keep(made, judge(made), KEY, tmp_path / "night.results")
+    back = of(tmp_path / "night.results", made)
     assert back.star_names.rows.tobytes() == names.tobytes()
     assert (named_stars(names, session.stars).known, named_stars(names, session.stars).wrong) == (2, 1)
     assert judge(back).statistics.names == judge(made).statistics.names

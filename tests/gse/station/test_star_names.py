@@ -140,10 +140,18 @@ def test_a_list_is_read_as_it_was_written():
     assert protocol.decode(frame) == sent
 
 
-def run(gse, folder, swapped, text=NAMES_TEXT):
+ORION = """
+station: {mount: {inertial: {ra_deg: 83, de_deg: 0, roll_deg: 10}}}
+scene: {steps: [{ra_deg: 83, de_deg: 0, for_s: 60}]}
+"""
+
+
+def run(gse, folder, swapped, text=NAMES_TEXT, more=""):
     """The folder of 100 frames of a simulated sensor that swaps names in a share of its lists."""
     (folder / "sensor.yaml").write_text(text, encoding="utf-8")
-    (folder / "scenario.yaml").write_text(f"text: names\nfirmware: {{swapped_names: {swapped}}}\n", encoding="utf-8")
+    (folder / "scenario.yaml").write_text(
+        f"text: names\nfirmware: {{swapped_names: {swapped}}}\n{more}", encoding="utf-8"
+    )
     station = f"{BUILT_IN_TEXT}\nprotocol: sensor.yaml\nlimits: {{wrong_names_share: 0.1}}\n"
     (folder / "station.yaml").write_text(station, encoding="utf-8")
     port = f"sim://?frames=100&scenario={folder / 'scenario.yaml'}"
@@ -209,3 +217,17 @@ def test_a_narrow_field_has_numbers_of_the_sensors_own(gse, tmp_path):
     names = report["star_names"]
     assert (names["lists"], names["own_numbers"], names["wrong"]) == (100, True, 0)
     assert row["outcome"] == "PASS"
+
+
+def test_of_two_stars_side_by_side_each_has_its_own_name(gse, tmp_path):
+    names = judged(run(gse, tmp_path, 0, more=ORION))[0]["star_names"]
+    assert (names["known_lists"], names["wrong"]) == (100, 0)
+    assert names["known"] > 1000
+
+
+def test_objects_that_are_no_stars_have_no_names(gse, tmp_path):
+    no_stars = ORION.replace("scene: {", "scene: {dropped: 1, false_objects: 5, ")
+    session = run(gse, tmp_path, 0, more=no_stars)
+    report = judged(session)[0]
+    assert "star_names" not in report
+    assert report["link"]["frames"] == 200  # a list beside each panorama
