@@ -402,9 +402,10 @@ class SkyWatch:
         """Events of the Sun, then of the stars."""
         is_day = not found.lights.is_dark
         condition = self._judged(found, self._clear, self._condition)
-        # After the last star of a dawn the sky is daylight again, not as it was when that was seen.
+        # As long as the stars go on to be seen the sky is clear, wherever the Sun is; after the last one it is day.
+        stays_clear = condition is self._condition is SkyCondition.CLEAR
         is_day_again = condition is SkyCondition.DAYLIGHT and self._told in _KINDS.values()
-        if is_day != bool(self._is_day) or is_day_again:
+        if (is_day != bool(self._is_day) and not stays_clear) or is_day_again:
             self._told = StationKind.DAYLIGHT if is_day else StationKind.DARK_NIGHT
             yield LinkEvent(utc_ns, 0, self._told, str(found.lights))
         self._is_day = is_day

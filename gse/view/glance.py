@@ -28,7 +28,7 @@ from gse.values.panorama import Panorama
 from gse.values.site import Site
 from gse.view.error_trace import ErrorTraces
 from gse.view.glance_word import LATE_S, Facts, Phase, word_of
-from gse.view.live_state import ErrorsSoFar, LiveState
+from gse.view.live_state import NO_SKY, ErrorsSoFar, LiveState
 from gse.view.verdict_text import clock_health, host_minus_sensor
 from protocols import COLOURS
 
@@ -191,7 +191,6 @@ _SLOW_EVERY_NS = NS_PER_S
 """What changes slowly (disk, turn of the mount, histogram, dawn) is found once a second."""
 _ITEMS_SHOWN = 24
 """Items of the sensor's housekeeping for which the page has room."""
-_SKY_WORDS = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
 
 
 class Glance:
@@ -324,7 +323,7 @@ class Glance:
             answered=so_far.answered_utc_ns is not None,
             since_answer_s=since_answer_s,
             behind_s=behind_s,
-            sky="DAYLIGHT" if self._bright else _SKY_WORDS.get(so_far.sky, ""),
+            sky="DAYLIGHT" if self._bright else NO_SKY.get(so_far.sky, ""),
             aligning_s=aligning_s,
             outside=so_far.outside,
             cause=so_far.cause,

@@ -57,8 +57,9 @@ SKY_WORDS: dict[str, str] = {
 }
 """The sky after each kind of event that changes it."""
 
-NO_SKY = ("clouded", "no stars", "daylight")
-"""Skies in which frames without an answer do not count, as in the verdict: there too only many seconds of them."""
+NO_SKY = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
+"""Skies in which frames without an answer do not count, as in the verdict (there too only many seconds of them), and
+what is said of them instead of NO ANSWER."""
 _NO_SKY_NS = 10 * NS_PER_S
 
 SKY_COLOURS = {
@@ -342,7 +343,8 @@ class SessionSoFar:
         answered_ns = self.first_utc_ns if self.answered_utc_ns is None else self.answered_utc_ns
         since_s = (self.utc_ns - answered_ns) / NS_PER_S
         objects = f"{self.objects} object{'' if self.objects == 1 else 's'}"
-        return f"NO ANSWER for {since_s:.0f} s, {objects}" if since_s >= NO_ANSWER_S else ""
+        why = NO_SKY.get(self.sky, "NO ANSWER")
+        return f"{why} for {since_s:.0f} s, {objects}" if since_s >= NO_ANSWER_S else ""
 
     @property
     def late(self) -> str:

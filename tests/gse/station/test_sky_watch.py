@@ -258,10 +258,15 @@ def test_the_sun_is_told_by_its_altitude() -> None:
     assert conditions == [SkyCondition.DAYLIGHT]
 
 
-def test_the_end_of_twilight_is_told_once() -> None:
-    dusk_ns = from_text("2026-03-20T11:46:00Z")
-    kinds, _ = watched(rows(stars=14, frames=2 * 240), begin_ns=dusk_ns)
-    assert kinds == ["DAYLIGHT", "CLEAR", "DARK_NIGHT"]
+def test_a_sky_whose_stars_are_seen_stays_clear_through_twilight() -> None:
+    dusk_ns, dawn_ns = from_text("2026-03-20T11:46:00Z"), from_text("2026-03-20T22:06:00Z")
+    assert watched(rows(stars=14, frames=2 * 240), begin_ns=dusk_ns)[0] == ["DAYLIGHT", "CLEAR"]
+    assert watched(rows(stars=14, frames=2 * 240), begin_ns=dawn_ns)[0] == ["CLEAR"]
+    assert watched(rows(60, stars=0, objects=0), rows(420, stars=0, objects=0), begin_ns=dusk_ns)[0] == [
+        "DAYLIGHT",
+        "DARK_NIGHT",
+        "NO_STARS",
+    ]
 
 
 def test_behind_the_last_star_of_a_dawn_it_is_daylight_again() -> None:

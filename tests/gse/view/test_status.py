@@ -109,6 +109,8 @@ def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(ses
     for frame in clouded[:150]:
         so_far = so_far.with_rows(results_of([frame]).rows)
     assert verdict_so_far(so_far).startswith("# Running: NO ANSWER for 7 s, ")
+    cloud = LinkEvent(so_far.utc_ns, 0, "CLOUDED", "stars are 3.0 mag too faint")
+    assert verdict_so_far(so_far.with_event(cloud)).startswith("# Running: CLOUD for 7 s, ")
 
 
 def test_lost_frames_stand_beside_those_that_came(session) -> None:
