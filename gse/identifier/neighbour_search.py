@@ -448,7 +448,8 @@ def _excluded(
                         + icrs[neighbour, 1] * icrs[a, 1]
                         + icrs[neighbour, 2] * icrs[a, 2]
                     )
-                    agrees |= (gates[0, row, other] <= dot) & (dot <= gates[3, row, other])
+                    # The same star for both objects is no agreement; two hot pixels side by side would fit it.
+                    agrees |= (a != neighbour) & (gates[0, row, other] <= dot) & (dot <= gates[3, row, other])
                     before = entry_before[np.uint64(before)]
                     work += 1
                 if agrees:

@@ -8,6 +8,7 @@ from skies.made_frames import Noise, made_frame, sky_of
 from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_table
 
 from gse.catalog import load_catalog, mission_catalog
+from gse.identifier import neighbour_search
 from gse.identifier.consistency import MOST_CANDIDATES, object_of, star_of
 from gse.identifier.neighbour_search import (
     BLOCK,
@@ -117,6 +118,16 @@ def test_the_smallest_group_among_objects_that_are_no_stars_is_found(stars, tabl
                 assert sorted(found.tolist()) == sorted(seen.tolist())
             named += len(objects) > 0
     assert named == 0 if missing else named > frames
+
+
+def test_two_hot_pixels_side_by_side_make_the_proof_look_at_no_star(stars, table):
+    limits = SearchOptions(TOLERANCE_URAD, 6, 6, 30, False, EVERYWHERE, True)
+    pixels = np.array([[400.0, 300.0], [700.0, 500.0], [701.0, 500.0]])
+    view = view_of(CAMERA.directions(pixels), stars.icrs, table, limits)
+    whole = seen_from(0, view.angles, limits.tolerance_urad, np.ones(3, np.bool_))
+    room = np.empty(len(stars), np.int32), np.empty((2, 10_000), np.int32)
+    comparisons = neighbour_search._excluded(0, np.array([1, 2]), whole, *room, view, limits)
+    assert 0 < comparisons < len(stars)
 
 
 def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
