@@ -3,8 +3,9 @@
 No port and no clock: who sends hands the frames that come to ``AwaitedAnswer``, and keeps the time-out.
 """
 
+import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from protocols.description import ArgumentDescription, CommandDescription, Description
@@ -35,6 +36,8 @@ class Argument:
     high: float | None
     step: float
     note: str
+    is_free: bool = False
+    """Whether it may be anything that the wire can say, to see a sensor refuse it."""
 
     @property
     def text(self) -> str:
@@ -49,7 +52,7 @@ class Argument:
     def value(self, given: Any) -> Value:
         """The value that is meant, in the argument's unit; EncodeError where it cannot be."""
         if self.kind is Kind.WORD:
-            if given not in self.words.values():
+            if given not in self.words.values() and not self.is_free:
                 raise EncodeError(f"{self.name} cannot be {given!r:.60}: known are {', '.join(self.words.values())}")
             return str(given)
         if self.kind is Kind.BITS:
@@ -65,8 +68,9 @@ class Argument:
             number = quantity(given, self.unit)
         except ValueError as error:
             raise EncodeError(f"{self.name} {error}") from error
-        low, high = self.low, self.high
-        if (low is not None and number < low) or (high is not None and number > high):
+        low, high = (None, None) if self.is_free else (self.low, self.high)
+        slack = 1e-6 * self.step  # an end that was read from the wire may be off by a rounding
+        if (low is not None and number < low - slack) or (high is not None and number > high + slack):
             raise EncodeError(f"{self.name} is {number:.6g} {self.unit}: expected {self.text.partition('=')[2]}")
         if self.kind is Kind.NUMBER:
             return number
@@ -101,6 +105,11 @@ class CommandLayout:
     repeats: int
     note: str
     _protocol: Any = field(repr=False)  # a protocols.protocol.Protocol, which has these
+
+    @property
+    def free(self) -> "CommandLayout":
+        """The same command with arguments that may be anything that the wire can say, to see a sensor refuse it."""
+        return replace(self, arguments=tuple(replace(argument, is_free=True) for argument in self.arguments))
 
     def made(self, **given: Any) -> Command:
         """The command with these arguments; EncodeError where one is missing, unknown or out of its range.
@@ -173,7 +182,8 @@ class AwaitedAnswer:
         self._condition = None
         if not isinstance(layout.answer, str):
             wanted = {name: self._argument(value) for name, value in layout.answer.items()}
-            self._condition = Condition(wanted, protocol.items)
+            with contextlib.suppress(ValueError):  # no item can have this value: only a refusal answers it
+                self._condition = Condition(wanted, protocol.items)
 
     def _argument(self, value: Any) -> Any:
         return self.command.arguments.get(value, value) if isinstance(value, str) else value

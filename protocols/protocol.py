@@ -224,11 +224,10 @@ class Protocol:
         return self._codecs[type_name].layout.blank
 
     @property
-    def first_reason(self) -> str:
-        """A reason for which NAK refuses a command; empty where it gives none."""
+    def reasons(self) -> tuple[str, ...]:
+        """The reasons for which NAK refuses a command; empty where it names none."""
         fields = self._codecs["NAK"].layout.fields if "NAK" in self._codecs else ()
-        words = next((field.words for field in fields if field.name == "reason"), {})
-        return next(iter(words.values()), "")
+        return next((tuple(field.words.values()) for field in fields if field.name == "reason"), ())
 
     def item_numbers(self, type_name: str, payloads: Sequence[bytes]) -> NDArray[np.float64]:
         """The items (N, K) of messages of one type, in the order of ``items_by_message``; words as their numbers."""

@@ -214,7 +214,7 @@ class Run:
     def finish(self, reason: str = "the session ended") -> None:
         """Do what is left of the cleanup, without waiting for the sensor: no loop runs any more."""
         self._hurries = True
-        if self._ticks is None or self.is_over:
+        if self._ticks is None or inspect.getgeneratorstate(self._ticks) == inspect.GEN_CLOSED:
             return
         try:
             if not self._was_interrupted:
@@ -412,33 +412,42 @@ class Run:
         layout = self.bench.protocol.commands.get(act.command)
         if layout is None:
             return Done(StepOutcome.NOT_DONE, f"the protocol has no command {act.command}")
+        self._sequence = (self._sequence + 1) % (self.bench.protocol.sequence_modulus or 1)
         try:
-            command = layout.made(**act.arguments)
+            awaited = layout.awaited((layout if act.refused is None else layout.free).made(**act.arguments))
+            data = awaited.sent(self._sequence)
         except EncodeError as error:
             return Done(StepOutcome.NOT_DONE, str(error))
-        awaited = layout.awaited(command)
-        self._sequence = (self._sequence + 1) % (self.bench.protocol.sequence_modulus or 1)
         frames: list[Frame] = []
         self._frames = frames
         self._act_now()
-        self.bench.send(awaited.sent(self._sequence))
-        if layout.answer == NO_ANSWER:
+        self.bench.send(data)
+        if layout.answer == NO_ANSWER and act.refused is None:
             return Done(StepOutcome.PASS, "sent; the protocol has no answer that proves it")
         at_most_s = act.at_most_s or layout.timeout_s
+        given = "".join(f", {name} {value}" for name, value in act.arguments.items())
+        proof = ""
         while self._passed_s() < at_most_s and not self._hurries:
             while frames:
-                if (answer := awaited.take(frames.pop(0))) is not None:
-                    if not answer.is_done:
-                        given = "".join(f", {name} {value}" for name, value in act.arguments.items())
-                        return Done(StepOutcome.FAIL, f"{answer.text}: {act.command}{given}")
+                if (answer := awaited.take(frames.pop(0))) is None:
+                    continue
+                if act.refused is not None and answer.is_done:
+                    proof = answer.text  # an item may have had this value before: a refusal can still come
+                    continue
+                if answer.is_done or act.refused in ("", getattr(answer.message, "reason", None)):
                     return Done(StepOutcome.PASS, f"{answer.text} after {self._passed_s():.2f} s")
+                other = f"; expected the reason {act.refused}" if act.refused else ""
+                return Done(StepOutcome.FAIL, f"{answer.text}: {act.command}{given}{other}")
             yield
         if self._hurries:
             return Done(StepOutcome.INCONCLUSIVE, "sent; its answer was not awaited")
         if self.seen.link == "no port":
             return Done(StepOutcome.NOT_DONE, "the port is gone")
         came = f"; {awaited.wrong}" if awaited.wrong else ""
-        return Done(StepOutcome.FAIL, f"no answer within {at_most_s:g} s: expected {layout.expected}{came}")
+        if proof:
+            return Done(StepOutcome.FAIL, f"{proof}: {act.command}{given}; expected a refusal (NAK){came}")
+        expected = layout.expected if act.refused is None else "a refusal (NAK)"
+        return Done(StepOutcome.FAIL, f"no answer within {at_most_s:g} s: expected {expected}{came}")
 
     def _check(self, act: CheckNow) -> _Ticks:
         words, outcomes = [], []

@@ -83,11 +83,15 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """A command goes to the sensor, whose answer is awaited; as long as its description says where None."""
+    """A command goes to the sensor, whose answer is awaited; as long as its description says where None.
+
+    ``refused`` is the reason for which the sensor must refuse it, empty for any; None where it must obey.
+    """
 
     command: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
     at_most_s: float | None = None
+    refused: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -397,10 +401,21 @@ class _Reader:
             raise self.problem(
                 node, "command is missing; expected for example {command: SET_EXPOSURE, exposure: 200 ms}"
             )
-        given = {name: below for name, below in node.value.items() if name not in ("command", "at_most")}
+        given = {name: below for name, below in node.value.items() if name not in ("command", "at_most", "expect")}
         arguments = {name: below.text if isinstance(below.value, str) else below.value for name, below in given.items()}
         at_most_s = self.duration(node.value["at_most"]) if "at_most" in node.value else None
-        return Send(self.text(node.value["command"]), arguments, at_most_s)
+        refused = self._refused(node.value["expect"]) if "expect" in node.value else None
+        return Send(self.text(node.value["command"]), arguments, at_most_s, refused)
+
+    def _refused(self, node: _Node) -> str:
+        if node.text == "refused":
+            return ""
+        if isinstance(node.value, dict) and [*node.value] == ["refused"]:
+            return self.text(node.value["refused"])
+        raise self.problem(
+            node,
+            f"{node.shown():.60}: expected refused, {{refused: REASON}}, or no expect where the sensor is to obey",
+        )
 
     def _check(self, node: _Node, number: str) -> CheckNow:
         if not isinstance(node.value, dict) or not node.value:
@@ -636,8 +651,17 @@ def _of_command(step: Step, act: Send, protocol: Protocol) -> Iterator[tuple[Ste
         place = step.places.get("command", (step.line, step.column))
         yield step, place, unknown_name(act.command, protocol.commands, "command")
         return
+    if act.refused is not None:
+        place = step.places.get("expect", (step.line, step.column))
+        if "NAK" not in protocol.types:
+            words = (
+                f"{protocol.name} has no message NAK, with which a sensor refuses; check an item that counts refusals"
+            )
+            yield step, place, words
+        elif act.refused and protocol.reasons and act.refused not in protocol.reasons:
+            yield step, place, unknown_name(act.refused, dict.fromkeys(protocol.reasons), "reason")
     try:
-        layout.made(**act.arguments)
+        protocol.encode((layout if act.refused is None else layout.free).made(**act.arguments), 0)
     except EncodeError as error:
         named = next((name for name in act.arguments if name in str(error)), "command")
         yield step, step.places.get(named, (step.line, step.column)), str(error)

@@ -90,9 +90,15 @@ class SteppedSession:
         """Switch the supply."""
         return self._do({"power": "on" if on else "off"})
 
-    def send(self, command: str, *, at_most_s: float | None = None, **arguments: Any) -> Done:
-        """Send a command of the description, and await the answer that proves it; ``exposure_s=0.2`` is 0.2 s."""
-        return self._do({"send": {"command": command, **arguments, **_at_most(at_most_s)}})
+    def send(
+        self, command: str, *, at_most_s: float | None = None, expect: str | Mapping[str, str] = "", **arguments: Any
+    ) -> Done:
+        """Send a command of the description, and await the answer that proves it; ``exposure_s=0.2`` is 0.2 s.
+
+        ``expect="refused"``, or {"refused": "out of range"}, is for a command that the sensor must refuse.
+        """
+        expected = {"expect": expect} if expect else {}
+        return self._do({"send": {"command": command, **arguments, **_at_most(at_most_s), **expected}})
 
     def wait(
         self,

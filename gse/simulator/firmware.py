@@ -298,8 +298,7 @@ class SensorFirmware:
         elif fault is None:
             yield from self._done(command, sequence, utc_ns)
         elif fault.fault == "nak":
-            self._commands_bad = (self._commands_bad + 1) % _COUNTERS_WRAP_AT
-            yield self._items.refusal(command, sequence)
+            yield self._refuse(frame.type, "", sequence)
         elif fault.fault == "late":
             self._late.append((utc_ns + round(fault.late_s * NS_PER_S), command, sequence))
         elif fault.fault == "wrong":
@@ -334,11 +333,14 @@ class SensorFirmware:
         return own_s if command.name == "START" else self._exposure_s
 
     def _is_in_range(self, command: Command, asked_s: float) -> bool:
+        """Whether the description's range has its arguments, and this sensor can do it."""
+        try:
+            self._protocol.commands[command.name].made(**command.arguments)
+        except EncodeError:
+            return False
         if command.name == "START":
             return self._exposure_s <= asked_s <= _LONGEST_PERIOD_S
-        if command.name == "SET_EXPOSURE":
-            return _SHORTEST_EXPOSURE_S <= asked_s <= _LONGEST_EXPOSURE_S
-        return True
+        return command.name != "SET_EXPOSURE" or _SHORTEST_EXPOSURE_S <= asked_s <= _LONGEST_EXPOSURE_S
 
     def _refuse_bytes(self, discard: Discard | None) -> Iterator[Message]:
         """NAK, once, for what began as a frame; garbage between frames is not answered."""
@@ -356,7 +358,7 @@ class SensorFirmware:
 
     def _refuse(self, command: str, reason: str, sequence: int) -> Nak:
         self._commands_bad = (self._commands_bad + 1) % _COUNTERS_WRAP_AT
-        return Nak(command, reason, max(sequence, 0))
+        return self._items.refusal(command, sequence, reason)
 
     def _send(self, message: Message, ready_ns: int) -> Transmission:
         protocol = self._protocol

@@ -4,6 +4,7 @@ An item has the value that the scenario gives it, else one within its limits. A 
 take the values, and an argument sets the item of its name. So a parameter that was set is read back.
 """
 
+import difflib
 from collections.abc import Iterator
 from typing import Any
 
@@ -119,9 +120,11 @@ class SimulatedItems:
         if not isinstance(layout.answer, str):
             yield from (self.message(name) for name in self.proofs(command) if name in self.own)
 
-    def refusal(self, command: Command, sequence: int) -> Nak:
-        """NAK with the first reason that the protocol has."""
-        return Nak(command.name, self._protocol.first_reason, sequence)
+    def refusal(self, command: str, sequence: int, reason: str = "") -> Nak:
+        """NAK with the reason of the protocol that is nearest to this one, else with its first."""
+        known = {word.replace("_", " ").lower(): word for word in self._protocol.reasons}
+        near = difflib.get_close_matches(reason.lower(), known, n=1) or [*known][:1]
+        return Nak(command, known[near[0]] if near else "", max(sequence, 0))
 
     def message(self, name: str) -> Other:
         """A message that has items only, which are filled in when it is sent."""

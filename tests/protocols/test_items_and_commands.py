@@ -184,6 +184,14 @@ def test_an_argument_that_cannot_be_is_refused(name: str, given_as: dict[str, ob
     assert said in str(refused.value)
 
 
+def test_a_command_that_is_to_be_refused_says_what_the_wire_can_say() -> None:
+    assert ITEMS.commands["START"].free.made(period=50) == Command("START", {"period": 50})
+    wrong = ITEMS.commands["SET_MODE"].free.made(mode="value 200")
+    assert ITEMS.encode(wrong, 0)[5] == 200
+    with pytest.raises(EncodeError, match="known are standby"):
+        ITEMS.encode(ITEMS.commands["SET_MODE"].free.made(mode="boots"), 0)
+
+
 def test_the_bytes_of_a_command_are_those_of_the_description() -> None:
     assert ITEMS.commands["SET_GAIN"].encode(sequence=3, gain=12.5)[:6] == bytes([0xEB, 0x90, 0x74, 1, 3, 25])
 

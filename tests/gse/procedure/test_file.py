@@ -1,6 +1,7 @@
 """The procedure file: what it says, and what is refused with file, line and column."""
 
 import math
+import re
 
 import pytest
 from skies.known_nights import STATION
@@ -23,7 +24,7 @@ from gse.procedure.file import (
     runs_of,
     seconds_of,
 )
-from protocols import load_protocol
+from protocols import load_protocol, parse_protocol
 
 HEAD = "version: 1\nname: SS-TP-07\nsteps:\n"
 ALL = """\
@@ -45,6 +46,8 @@ cleanup:
   - power: off
 """
 PROTOCOL = load_protocol("panorama-v1")
+NAK = re.compile(r"  NAK:\n(    .*\n)+")
+WITHOUT_NAK = parse_protocol(NAK.sub("", PROTOCOL.text), "panorama-v1.yaml")
 SIMULATED = STATION.model_copy(update={"port": STATION.port.model_copy(update={"url": "sim://"})})
 
 
@@ -114,6 +117,11 @@ def test_times_have_units(text, seconds):
 @pytest.mark.parametrize(
     ("steps", "words"),
     [
+        (
+            "  - send: {command: STOP, expect: NAK}\n",
+            "line 4, column 35: NAK: expected refused, {refused: REASON}, or no expect",
+        ),
+        ("  - send: {command: STOP, expect: {refused: }}\n", "line 4, column 44: expected a text"),
         ("  - tel: hello\n", "line 4, column 10: unknown key tel; did you mean tell?"),
         ("  - power: maybe\n", "line 4, column 12: power: maybe: expected on or off"),
         ("  - wait: {for: 5}\n", "line 4, column 17: '5' is not a time; expected one with its unit"),
@@ -169,6 +177,19 @@ def test_what_is_no_procedure_is_refused():
             "  - send: {command: SET_EXPOSURE, exposure_time: 100 ms}\n",
             "step 1: SET_EXPOSURE: no argument 'exposure_time'; did you mean exposure?",
         ),
+        ("  - send: {command: SET_EXPOSURE, exposure: 3 s}\n", "line 4, column 45: step 1: exposure is 3e+06 us"),
+        (
+            "  - send: {command: START, period: 5000000 s}\n",
+            "line 4, column 36: step 1: period cannot be 5000000000.0: on the wire it has 0 to 4294967295 counts",
+        ),
+        (
+            "  - send: {command: SET_EXPOSURE, exposure: 5000 s, expect: refused}\n",
+            "line 4, column 45: step 1: exposure cannot be 5000000000.0: on the wire",
+        ),
+        (
+            "  - send: {command: STOP, expect: {refused: out of rang}}\n",
+            "line 4, column 35: step 1: no reason 'out of rang'; did you mean out of range?",
+        ),
         ("  - check: {suply_v: 5}\n", "line 4, column 22: step 1: no item 'suply_v'; did you mean supply_v?"),
         ("  - check: {supply_v: [5.2, 4.8]}\n", "line 4, column 23: step 1: supply_v: the low end 5.2 is over"),
         ("  - check: {supply_v: 5 kg}\n", "supply_v has the unit 'kg'"),
@@ -181,6 +202,13 @@ def test_what_is_no_procedure_is_refused():
 def test_a_name_that_station_or_description_do_not_know_has_its_place(steps, words):
     (problem,) = problems(steps)
     assert words in problem
+
+
+def test_a_refusal_is_expected_of_a_value_out_of_range_and_of_a_sensor_that_has_a_nak():
+    refused = "  - send: {command: SET_EXPOSURE, exposure: 3 s, expect: {refused: out of range}}\n"
+    assert problems(refused) == []
+    no_nak = check(parse_procedure(f"{HEAD}{refused}", "test.yaml"), SIMULATED, WITHOUT_NAK)
+    assert "line 4, column 58: step 1: panorama-v1 has no message NAK, with which a sensor refuses" in no_nak[0]
 
 
 def test_a_station_without_a_switch_cannot_be_switched():

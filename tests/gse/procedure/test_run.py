@@ -5,6 +5,7 @@ import re
 import xml.etree.ElementTree as ET
 
 import pytest
+from devices.items_sensor import ITEMS_TEXT
 
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.procedure.desk import Desk
@@ -108,6 +109,54 @@ def test_a_step_that_fails_ends_the_run_and_the_cleanup_is_done(run):
     assert ran.report["procedure"]["deviations"] == ["step 2 was not done"]
 
 
+TOO_LONG = "SET_EXPOSURE, exposure: 60 s"
+
+
+@pytest.mark.parametrize(
+    ("sent", "outcome", "seen"),
+    [
+        (f"{TOO_LONG}, expect: refused", "PASS", "the sensor refuses SET_EXPOSURE: out of range after 0."),
+        (f"{TOO_LONG}, expect: {{refused: out of range}}", "PASS", "the sensor refuses SET_EXPOSURE: out of range"),
+        (
+            f"{TOO_LONG}, expect: {{refused: bad CRC}}",
+            "FAIL",
+            "out of range: SET_EXPOSURE, exposure 60 s; expected the reason bad CRC",
+        ),
+        (
+            "SET_EXPOSURE, exposure: 2 s, expect: refused",
+            "FAIL",
+            "the sensor accepted SET_EXPOSURE: SET_EXPOSURE, exposure 2 s; expected a refusal (NAK)",
+        ),
+        ("PING, expect: refused", "FAIL", "STATUS came: PING; expected a refusal (NAK)"),
+        ("STOP, expect: refused", "FAIL", "no answer within 0.5 s: expected a refusal (NAK)"),
+    ],
+)
+def test_a_refusal_that_is_expected_is_a_pass_and_no_other_answer_is(run, gse, tmp_path, sent, outcome, seen):
+    (tmp_path / "silent.yaml").write_text("text: STOP is not heard\nfirmware: {commands: {STOP: {fault: silent}}}\n")
+    station = STATION.replace("sim://", f"sim://?scenario={tmp_path}/silent.yaml")
+    ran = run(f"  - send: {{command: {sent}}}\n", station=station, cleanup="cleanup:\n  - power: off\n")
+    assert ran.steps["1"]["outcome"] == ran.report["verdict"] == outcome
+    assert seen in ran.steps["1"]["seen"]
+    (case,) = [case for case in ET.parse(ran.folder / "junit.xml").iter("testcase") if "step 1:" in case.get("name")]
+    assert (case.find("failure") is None) == (outcome == "PASS")
+    gse("replay", ran.folder, "--out", tmp_path / "again")
+    (again,) = (tmp_path / "again").iterdir()
+    assert (again / "report.json").read_bytes() == (ran.folder / "report.json").read_bytes()
+
+
+def test_a_sensor_refuses_what_is_out_of_the_range_of_its_description(run, tmp_path):
+    (tmp_path / "sensor.yaml").write_text(ITEMS_TEXT)
+    ran = run(
+        "  - send: {command: START, period: 50 ms, expect: {refused: out of range}}\n"
+        "  - send: {command: SET_MODE, mode: value 9, expect: {refused: out of range}}\n"
+        "  - send: {command: SET_MODE, mode: tracking}\n"
+        "  - send: {command: SET_MODE, mode: tracking, expect: refused}\n",
+        station=STATION + "protocol: sensor.yaml\n",
+    )
+    assert [ran.steps[n]["outcome"] for n in "1234"] == ["PASS", "PASS", "PASS", "FAIL"]
+    assert "mode is tracking: SET_MODE, mode tracking; expected a refusal (NAK)" in ran.steps["4"]["seen"]
+
+
 class QuietBench:
     """A bench on which nothing happens but that somebody ends the run; it keeps what is recorded."""
 
@@ -137,6 +186,16 @@ def test_a_run_that_is_ended_before_its_first_step_leaves_every_step_by_name(end
     left = [text for kind, text in bench.recorded if kind == StationKind.STEP_DONE]
     assert [text.split(" | ")[:2] for text in left] == [["1", "not done"], ["2", "not done"]]
     assert all("Ctrl-C" in text for text in left)
+
+
+def test_an_error_of_the_station_in_a_step_is_not_hidden_by_the_end_of_the_run():
+    bench = QuietBench()
+    one = Run(parse_procedure(HEAD + "steps:\n  - power: on\n", "test"), Desk())
+    one.begin(bench)
+    one.tick()
+    with pytest.raises(AttributeError, match="switch"):  # this bench has none
+        one.tick()
+    one.finish()
 
 
 def test_a_step_may_fail_and_the_run_goes_on(run):
@@ -246,7 +305,7 @@ def test_starts_in_one_line_are_judged_by_the_limit_of_the_station(gse, tmp_path
 ANSWERS = {"serial": "ST 1", "weather": "clear", **{str(number): "done" for number in range(1, 10)}}
 
 
-@pytest.mark.parametrize(("like", "steps"), [("functional", 16), ("acquisition", 3 + 30 * 4 + 1), ("night", 9)])
+@pytest.mark.parametrize(("like", "steps"), [("functional", 17), ("acquisition", 3 + 30 * 4 + 1), ("night", 9)])
 def test_the_examples_run_from_start_to_end_on_a_simulated_sensor(gse, tmp_path, like, steps):
     test, answers = tmp_path / f"{like}.yaml", tmp_path / "answers.yaml"
     assert gse("procedure", "init", test, like).code == 0
