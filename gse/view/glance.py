@@ -323,6 +323,7 @@ class Glance:
             answered=so_far.answered_utc_ns is not None,
             since_answer_s=since_answer_s,
             behind_s=behind_s,
+            stands_still_for=self._live.question if self._station.port.url.startswith("sim://") else "",
             sky="DAYLIGHT" if self._bright else NO_SKY.get(so_far.sky, ""),
             aligning_s=aligning_s,
             outside=so_far.outside,

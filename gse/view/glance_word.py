@@ -37,7 +37,8 @@ class Facts:
     sends no panoramas.
     ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
     are not kept; ``aligning_s`` is the time left for the fit of the mount; ``cause`` is what the station found out.
-    ``behind_s`` is how long this computer has had bytes that it is not done with.
+    ``behind_s`` is how long this computer has had bytes that it is not done with. ``stands_still_for`` is what a
+    simulation asks its operator, whose time stands still meanwhile: step 2: Take the cap off.
     """
 
     phase: Phase = Phase.RUNNING
@@ -55,6 +56,7 @@ class Facts:
     outside: tuple[str, ...] = ()
     cause: str = ""
     behind_s: float = 0.0
+    stands_still_for: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,9 @@ def word_of(facts: Facts) -> Word:
     """The word for a session: what is most wrong comes first."""
     if facts.phase is not Phase.RUNNING:
         return _at_the_end(facts)
+    if facts.stands_still_for:
+        step = facts.stands_still_for.partition(":")[0]
+        return Word("WAITING FOR YOU", Level.WARN, f"the simulation stands still until the operator answers {step}")
     return _of_this_computer(facts) or _of_link(facts) or _of_answers(facts) or _of_errors(facts)
 
 

@@ -51,6 +51,8 @@ ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answer
         (replace(ON, since_answer_s=12.0, sky="DAYLIGHT"), "DAYLIGHT", Level.WARN),
         (replace(ON, link="no port", since_answer_s=12.0, sky="CLOUD"), "LINK LOST", Level.BAD),
         (replace(ON, link="silent"), "LINK LOST", Level.BAD),
+        (replace(ON, since_answer_s=12.0, stands_still_for="step 2: Cap off."), "WAITING FOR YOU", Level.WARN),
+        (replace(ON, phase=Phase.JUDGING, stands_still_for="step 2: Cap off."), "JUDGING", Level.IDLE),
         (replace(ON, aligning_s=40.0), "ACQUIRING", Level.IDLE),
         (replace(ON, outside=("mean |dDE| 70.0 arcsec (limit 60)",)), "OUTSIDE", Level.BAD),
         (replace(ON, phase=Phase.JUDGING, link="closed"), "JUDGING", Level.IDLE),
@@ -145,6 +147,16 @@ def test_a_session_without_an_answer_has_no_last_one_to_its_end() -> None:
     assert glance.document(clock_at(4))["since_answer_s"] is None
     glance.conclude("INCONCLUSIVE", ())
     assert glance.document(clock_at(5))["since_answer_s"] is None
+
+
+@pytest.mark.parametrize(("url", "text"), [("sim://", "WAITING FOR YOU"), ("/dev/ttyUSB0", "WAITING")])
+def test_a_question_stops_the_time_of_a_simulation_only(url: str, text: str) -> None:
+    station = synthetic_night(20).station
+    live = LiveState(station.model_copy(update={"port": station.port.model_copy(update={"url": url})}))
+    live.question = "step 2: Take the cap off. [Enter when it is done, no if it cannot be]"
+    word = Glance(live).document(clock_at(4))["word"]
+    assert word["text"] == text
+    assert word["detail"].endswith("answers step 2" if url == "sim://" else url)
 
 
 def test_the_last_page_has_the_time_from_the_last_answer_to_the_last_frame() -> None:
