@@ -300,7 +300,12 @@ def test_what_is_no_image_of_a_detector_is_told_so(name: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     ("pixels", "words"),
-    [(stars() / 4095, "fractions up to 0.977.*scale it"), (np.full((9, 9), np.nan), "no number in any pixel")],
+    [
+        (stars() / 4095, "fractions up to 0.977.*scale it"),
+        (np.full((9, 9), np.nan), "no number in any pixel"),
+        (stars() * 1000.0, "counts of 8e[+]04 in its background: scale it to 65535"),
+        (stars() * np.int32(1000), "counts of 8e[+]04 in its background: scale it to 65535"),
+    ],
 )
 def test_floats_that_are_no_counts_are_refused(pixels: NDArray[np.float64], words: str, tmp_path: Path) -> None:
     fits.PrimaryHDU(pixels).writeto(tmp_path / "x.fits")
