@@ -183,6 +183,7 @@ class Run:
         self._began_ns = 0
         self._measured: dict[str, list[float]] = defaultdict(list)
         self._power = ""
+        self._after = "the step began"
         self._frames: list[Frame] | None = None
         self._sequence = 0
 
@@ -345,7 +346,7 @@ class Run:
         return Done(StepOutcome.NOT_DONE, f"the operator did not answer within {at_most_s:g} s")
 
     def _switch(self, *, on: bool) -> _Ticks:
-        self._act_now()
+        self._act_now(f"power {'on' if on else 'off'}")
         future = self.bench.switch(on=on)
         if future is None:
             return Done(StepOutcome.NOT_DONE, "the station file has no power: {on, off}")
@@ -356,8 +357,9 @@ class Run:
         self._power = word if ran.is_done else f"as nobody knows: power {word} failed"
         return Done(StepOutcome.PASS if ran.is_done else StepOutcome.NOT_DONE, ran.words or f"switched {word}")
 
-    def _act_now(self) -> None:
+    def _act_now(self, what: str) -> None:
         """Something is done to the sensor: what it said before does not count any more."""
+        self._after = what
         self.seen.forget(self.bench.now()[0])
 
     def _pause(self, for_s: float) -> _Ticks:
@@ -380,7 +382,8 @@ class Run:
         took_s = self._took_s(act.until)
         if act.measure:
             self._measured[act.measure].append(took_s)
-        return Done(StepOutcome.PASS, f"{act.measure or 'it came after'} {took_s:.3f} s")
+        seen = f"{act.measure} {took_s:.3f} s" if act.measure else f"it came {took_s:.3f} s after {self._after}"
+        return Done(StepOutcome.PASS, seen)
 
     def _took_s(self, until: Mapping[str, object]) -> float:
         """From the last command, or switch of the supply, until what made the conditions hold had come."""
@@ -420,7 +423,7 @@ class Run:
             return Done(StepOutcome.NOT_DONE, str(error))
         frames: list[Frame] = []
         self._frames = frames
-        self._act_now()
+        self._act_now(act.command)
         self.bench.send(data)
         if layout.answer == NO_ANSWER and act.refused is None:
             return Done(StepOutcome.PASS, "sent; the protocol has no answer that proves it")
