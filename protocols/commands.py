@@ -71,7 +71,8 @@ class Argument:
         low, high = (None, None) if self.is_free else (self.low, self.high)
         slack = 1e-6 * self.step  # an end that was read from the wire may be off by a rounding
         if (low is not None and number < low - slack) or (high is not None and number > high + slack):
-            raise EncodeError(f"{self.name} is {number:.6g} {self.unit}: expected {self.text.partition('=')[2]}")
+            expected = self.text.partition("=")[2].replace("NUMBER", "a number")
+            raise EncodeError(f"{self.name} is {f'{number:.6g} {self.unit}'.rstrip()}: expected {expected}")
         if self.kind is Kind.NUMBER:
             return number
         if isinstance(given, int):

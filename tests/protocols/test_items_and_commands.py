@@ -4,6 +4,7 @@ import math
 import re
 import struct
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -167,7 +168,7 @@ def test_an_argument_may_have_another_unit(given_as: dict[str, object]) -> None:
 @pytest.mark.parametrize(
     ("name", "given_as", "said"),
     [
-        ("START", {"period": 50}, "period is 50 ms: expected"),
+        ("START", {"period": 50}, "period is 50 ms: expected a number in ms 100 to 1000"),
         ("START", {"period": "5 V"}, "has the unit 'V': known here: ns, us, ms, s, min, h"),
         ("START", {"period": "soon"}, "expected a number in ms, such as 5 ms"),
         ("START", {"periode": 200}, "no argument 'periode'; did you mean period?"),
@@ -190,6 +191,12 @@ def test_a_command_that_is_to_be_refused_says_what_the_wire_can_say() -> None:
     assert ITEMS.encode(wrong, 0)[5] == 200
     with pytest.raises(EncodeError, match="known are standby"):
         ITEMS.encode(ITEMS.commands["SET_MODE"].free.made(mode="boots"), 0)
+
+
+def test_an_argument_without_a_unit_is_refused_in_a_whole_sentence() -> None:
+    [period] = ITEMS.commands["START"].arguments
+    with pytest.raises(EncodeError, match=r"^period is 50: expected a number 100 to 1000$"):
+        replace(period, unit="").value(50)
 
 
 def test_the_bytes_of_a_command_are_those_of_the_description() -> None:
