@@ -14,8 +14,7 @@ from gse.config.choice import station_of, with_identifier
 from gse.config.station import Station, parse_station
 from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
-from gse.station.frame_json import frame_json
-from gse.station.frame_results import FrameResult
+from gse.station.frame_results import FrameResult, frame_json
 from gse.station.results import Status
 from gse.values import instant
 from gse.values.panorama import Panorama

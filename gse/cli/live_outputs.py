@@ -25,8 +25,7 @@ from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.errors import UsageError
 from gse.recording.session_format import RecorderKind
 from gse.sessions.forecast import Forecast, snapshot
-from gse.station.frame_json import frame_json
-from gse.station.frame_results import FrameResults
+from gse.station.frame_results import FrameResults, frame_json
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.session_data import SessionData

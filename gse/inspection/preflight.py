@@ -25,9 +25,9 @@ from gse.external.identifier import Given, RunningIdentifier
 from gse.external.plugs import plug_of
 from gse.inspection.plausibility import Check, CheckOutcome, plausibility
 from gse.process.jit import WITHOUT_A_PLACE, machine_code_folder, why_without_a_place
+from gse.station.byte_stream import what_fits
 from gse.station.polling import check_asking
 from gse.station.setup import ORION_RA_DE_DEG, addressed, example_places, sensor_description
-from gse.station.unreadable_bytes import what_fits
 from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables

@@ -32,7 +32,7 @@ from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import FrameTable
-from gse.station.item_table import Housekeeping
+from gse.station.housekeeping import Housekeeping
 from gse.station.results import Status, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import RISK

@@ -14,7 +14,7 @@ from gse.diagnosis.set_up_mistake import mount_fit
 from gse.procedure.as_run import StepRun, spread_of, station_of
 from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
-from gse.station.parameters import parameter_differences, parameters_of, parameters_sha256
+from gse.station.housekeeping import parameter_differences, parameters_of, parameters_sha256
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Outcome, Row
@@ -138,7 +138,7 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
             "sha256": parameters_sha256(session.housekeeping),
             "stated_sha256": session.station.test.parameters_sha256,
             "values": parameters_of(session.housekeeping),
-            "differences": list(parameter_differences(session)),
+            "differences": list(parameter_differences(session.housekeeping, session.station.test)),
         }
     external = external_identifier(session)
     if external is not None:

@@ -58,7 +58,7 @@ from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.columns import COLUMNS, Column
 from gse.station.events import ClockStep
 from gse.station.frame_table import MATCH, MOST_IN_MEMORY, OTHER, FrameTable
-from gse.station.item_table import ITEM, Housekeeping, ItemSummary
+from gse.station.housekeeping import ITEM, Housekeeping, ItemSummary
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 from gse.station.star_names import STAR_NAME, StarNames

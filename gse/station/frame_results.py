@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN, Others
 from gse.station.results import ERRORS, AnswerCheck, AttitudeError, Match, Matches, Starlight, Status
 from gse.station.starlight import rows_of
+from gse.values import instant
 from gse.values.attitude import Attitude, Attitudes, angles_deg
 from gse.values.panorama import Panorama, Panoramas
 
@@ -254,3 +255,45 @@ class FrameResults(Sequence[FrameResult]):
 def _within(by_place: Mapping[int, T], begin: int, end: int) -> dict[int, T]:
     """What belongs to the places from ``begin`` to before ``end``, counted from there."""
     return {k - begin: value for k, value in by_place.items() if begin <= k < end}
+
+
+FRAME_SCHEMA = "gse.frame/1"
+
+
+def frame_json(result: FrameResult) -> dict[str, Any]:
+    """One panorama's result as JSON; numbers are rounded well below their meaning, absent ones are null.
+
+    RA, DE and roll are the sensor's answer: from catalogue places in ICRS, not corrected for aberration and
+    refraction; the d_... are measured minus true after these corrections.
+    """
+    panorama, attitude, error, matches = result.panorama, result.attitude, result.attitude_error, result.matches
+    elapsed_us = result.elapsed_us
+    return {
+        "schema": FRAME_SCHEMA,
+        "utc": instant.to_text(panorama.utc_ns),
+        "frame_no": panorama.frame_no,
+        "status": result.status.value,
+        "detail": result.detail,
+        "identifier": result.identifier,
+        "ra_deg": round(attitude.ra_deg, 7) if attitude else None,
+        "de_deg": round(attitude.de_deg, 7) if attitude else None,
+        "roll_deg": round(attitude.roll_deg, 6) if attitude and result.has_roll else None,
+        "frame": "ICRS",
+        "matched": len(matches),
+        "objects": len(panorama.brightness),
+        "chance": _number(result.false_match_probability, 3),
+        "elapsed_us": None if elapsed_us is None else round(elapsed_us, 1),
+        "d_ra_cosde_arcsec": round(error.d_ra_cosde_arcsec, 3) if error else None,
+        "d_de_arcsec": round(error.d_de_arcsec, 3) if error else None,
+        "d_roll_arcsec": round(error.d_roll_arcsec, 3) if error and result.has_roll else None,
+        "answer_check": result.answer_check.value,
+        "matches": [
+            {"object": match.object, "star": match.star, "residual_arcsec": round(match.residual_arcsec, 2)}
+            for match in matches
+        ],
+        "others": [{"object": row, "kind": kind} for row, kind in result.others],
+    }
+
+
+def _number(value: float, digits: int) -> float | None:
+    return float(f"{value:.{digits}g}") if math.isfinite(value) else None

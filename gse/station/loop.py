@@ -65,13 +65,12 @@ from gse.external.answers import Failure, FailureKind
 from gse.identifier import Reason
 from gse.identifier.robust import RobustIdentifier
 from gse.recording.session_format import RecordedTimings
-from gse.station.byte_stream import FrameAt
+from gse.station.byte_stream import FrameAt, what_fits
 from gse.station.camera_watch import CameraWatch
 from gse.station.events import ClockStep, EventLog, StationKind
 from gse.station.frame_processor import FrameProcessor, Identified
 from gse.station.frame_results import FrameResult, FrameResults
-from gse.station.housekeeping import fill_housekeeping
-from gse.station.item_table import Housekeeping
+from gse.station.housekeeping import Housekeeping, fill_housekeeping
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answers import OwnAnswerProcessor
@@ -82,7 +81,6 @@ from gse.station.setup import Setup, versions
 from gse.station.sky_condition import SkyWatch
 from gse.station.thinned_search import ThinnedSearch
 from gse.station.unnamed_stars import LeftOutStars
-from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from gse.values.mount import InertialDirection, Mount

@@ -52,7 +52,7 @@ from drivers.uart import BITS_PER_BYTE
 from gse.station.byte_stream import ByteStream, FrameAt
 from gse.station.clock_witness import ClockWitness
 from gse.station.events import ClockStep, StationKind
-from gse.station.item_table import NO_ITEMS, FrameWithItems, ItemReader
+from gse.station.housekeeping import NO_ITEMS, FrameWithItems, ItemReader
 from gse.station.polling import Polling
 from gse.station.results import LinkCounters, OwnAnswer
 from gse.values.instant import LAST_NS, NS_PER_S, bounded

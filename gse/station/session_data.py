@@ -13,7 +13,7 @@ from gse.station.clock_steps import instants_ns
 from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
-from gse.station.item_table import Housekeeping
+from gse.station.housekeeping import Housekeeping
 from gse.station.results import LinkCounters, Subject
 from gse.station.star_names import StarNames
 from gse.truth import Alignment, EarthOrientation

@@ -47,7 +47,7 @@ from gse.procedure.as_run import (
     stretch,
 )
 from gse.procedure.file import Watch
-from gse.station.parameters import parameter_differences
+from gse.station.housekeeping import parameter_differences
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Claim, Outcome, Row
@@ -166,7 +166,7 @@ def _judge_procedure(session: SessionData, log: AsRun) -> Assessment:
     log = replace(log, steps=tuple(_as_judged(step, watched.get(step.number)) for step in log.steps))
     whole = _judge(replace(session, excluded=(*session.excluded, *not_watched(session, log))))
     verdict = log.verdict
-    parameters = list(parameter_differences(session))
+    parameters = list(parameter_differences(session.housekeeping, session.station.test))
     if verdict is Verdict.PASS and (session.truncated or parameters):
         verdict = Verdict.INCONCLUSIVE
     lines = [*log.reasons(), *parameters, *(line for one in watched.values() for line in one.reasons)]

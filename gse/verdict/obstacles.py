@@ -21,7 +21,7 @@ from gse.diagnosis.plain_findings import stars_by_day
 from gse.station.events import StationKind
 from gse.station.exclusions import Cause, excluded
 from gse.station.frame_columns import Columns
-from gse.station.parameters import parameter_differences
+from gse.station.housekeeping import parameter_differences
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.availability import LONGEST_S
@@ -80,7 +80,7 @@ def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) ->
             f"{words_of(stats.convention)}; state {to_state(stats.convention)}"
         )
     yield from _other_sensor(session)
-    yield from parameter_differences(session)
+    yield from parameter_differences(session.housekeeping, session.station.test)
     yield from _no_temperature(session)
     yield from (event.text for event in session.events if event.kind == StationKind.SENSOR_CLOCK)
     if session.station.subject is None:

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from gse.station.item_table import ItemSummary
+from gse.station.housekeeping import ItemSummary
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import MIN_S
 from gse.statistics.decision import (

@@ -21,7 +21,7 @@ from gse.config.station import Station
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult, FrameResults
-from gse.station.item_table import Housekeeping, ItemNow
+from gse.station.housekeeping import Housekeeping, ItemNow
 from gse.station.own_answers import NO_OWN_ERRORS, NewOwnErrors
 from gse.station.results import ERRORS, AnswerCheck, AttitudeError, LinkCounters, Status, Subject
 from gse.station.session_data import SessionData

@@ -20,7 +20,7 @@ from gse.station.columns import STATUSES
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResult
 from gse.station.frame_table import FrameTable
-from gse.station.item_table import Housekeeping
+from gse.station.housekeeping import Housekeeping
 from gse.station.results import Status
 from gse.values import instant
 from gse.values.instant import NS_PER_S

@@ -12,7 +12,7 @@ from gse.config.station import BUILT_IN_TEXT
 from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC
 from gse.report.terminal import external_lines
 from gse.sessions.replay import replay_session
-from gse.station.frame_json import frame_json
+from gse.station.frame_results import frame_json
 
 SCENARIO = "sim://?scenario=inclined&frames=120"
 """At 45 deg of altitude refraction is a minute of arc: an answer must lose it as the built-in identifier's does."""

@@ -14,8 +14,7 @@ from drivers.chunk import LinkEvent
 from gse.procedure.as_run import StepOutcome, as_run, event_text, part_of, spread_of, starts, stretch
 from gse.procedure.file import Watch
 from gse.station.events import StationKind
-from gse.station.item_table import ITEM, Housekeeping
-from gse.station.parameters import parameter_differences
+from gse.station.housekeeping import ITEM, Housekeeping, parameter_differences
 from gse.station.results import Verdict
 from gse.values.instant import NS_PER_S
 from gse.verdict.assessment import judge
@@ -116,13 +115,13 @@ def test_parameters_that_were_read_before_a_watch_are_none_of_its_business():
     read = np.zeros(1, ITEM)
     read["utc_ns"], read["value"] = begin_ns - 1, 120.0
     made.housekeeping.extend(read)
-    assert list(parameter_differences(made)) == []
+    assert list(parameter_differences(made.housekeeping, made.station.test)) == []
     part = stretch(
         made,
         replace(as_run([BEGIN, *step("1", "PASS")]).steps[0], from_ns=begin_ns, until_ns=end_ns),
         Watch(60.0, {}, {}),
     )
-    assert list(parameter_differences(part)) == []
+    assert list(parameter_differences(part.housekeeping, part.station.test)) == []
 
 
 def test_starts_have_their_first_panorama_and_their_first_answer():

@@ -18,8 +18,7 @@ from gse.report.parquet import write_parquet
 from gse.report.provenance import provenance
 from gse.report.summary import summarise
 from gse.sessions.kept_results import KeptContext
-from gse.station.item_table import ITEM, Housekeeping
-from gse.station.parameters import parameter_differences
+from gse.station.housekeeping import ITEM, Housekeeping, parameter_differences
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed
 from gse.statistics.decision import Outcome
@@ -172,7 +171,7 @@ def test_parameters_that_are_not_those_stated_forbid_a_pass(
     volts: list[float], test: dict[str, object], said: list[str]
 ) -> None:
     session = with_parameters(volts, **test)
-    found = list(parameter_differences(session))
+    found = list(parameter_differences(session.housekeeping, session.station.test))
     assert len(found) == len(said)
     assert all(line.startswith(words) for line, words in zip(found, said, strict=True))
     assert set(found) <= set(obstacles(session, judge(session).statistics, ()))
@@ -182,7 +181,7 @@ def test_parameters_that_are_not_those_stated_forbid_a_pass(
 def test_parameters_that_never_came_forbid_a_pass_where_they_are_stated() -> None:
     session = with_parameters([5.0], parameters_sha256=HASHED)
     session.housekeeping = Housekeeping(PARAMETERS.items, PARAMETERS.parameters)
-    assert "never came" in next(parameter_differences(session))
+    assert "never came" in next(parameter_differences(session.housekeeping, session.station.test))
 
 
 def test_a_command_that_reads_no_parameters_back_is_refused() -> None:

@@ -8,7 +8,7 @@ from skies.known_nights import START_NS, frame, unanswered
 from skies.one_by_one import Stars, result_of
 
 from gse.identifier import Identification
-from gse.station.frame_json import frame_json
+from gse.station.frame_results import frame_json
 from gse.station.results import AttitudeError
 from gse.values.attitude import Attitude
 

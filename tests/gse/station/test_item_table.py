@@ -6,7 +6,7 @@ from devices.items_sensor import HEALTHY, ITEMS
 from numpy.typing import NDArray
 
 from drivers.chunk import Chunk, LinkEvent
-from gse.station.item_table import ITEM, MOST_IN_MEMORY, Housekeeping
+from gse.station.housekeeping import ITEM, MOST_IN_MEMORY, Housekeeping
 from gse.station.reception import Reception
 from protocols import Other
 

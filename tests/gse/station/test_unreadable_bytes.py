@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.uart import USUAL_BAUDS, received_at
-from gse.station.unreadable_bytes import what_fits
+from gse.station.byte_stream import what_fits
 from protocols import PanoramaMessage, load_protocol, parse_protocol
 
 PROTOCOL = load_protocol("panorama-v1")

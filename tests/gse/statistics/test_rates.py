@@ -12,7 +12,7 @@ from gse.report.provenance import provenance
 from gse.report.result_key import ResultKey
 from gse.report.sessions_table import sessions_table
 from gse.report.summary import summarise
-from gse.station.item_table import ITEM, Housekeeping
+from gse.station.housekeeping import ITEM, Housekeeping
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Outcome
 from gse.statistics.rates import rate_errors

@@ -14,7 +14,7 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.report.page import report_html
 from gse.report.provenance import provenance
 from gse.report.summary import summarise
-from gse.station.item_table import ITEM, Housekeeping
+from gse.station.housekeeping import ITEM, Housekeeping
 from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import statistics
 from gse.statistics.stated import _stated_accuracy, errors_by_quality, stated_accuracy

@@ -17,7 +17,7 @@ from gse.report.files import junit_xml
 from gse.report.summary import summarise
 from gse.sessions.forecast import forecast_text
 from gse.station.events import StationKind
-from gse.station.item_table import ITEM, Housekeeping
+from gse.station.housekeeping import ITEM, Housekeeping
 from gse.station.results import Subject, Verdict
 from gse.station.star_names import STAR_NAME, StarNames
 from gse.statistics.decision import Outcome

@@ -20,7 +20,7 @@ from skies.one_by_one import results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.errors import GseError
-from gse.station.item_table import ITEM, Housekeeping
+from gse.station.housekeeping import ITEM, Housekeeping
 from gse.view.live import LiveView
 from gse.view.live_state import LiveState
 from gse.view.rerun_feed import RerunFeed

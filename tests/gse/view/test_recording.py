@@ -19,7 +19,7 @@ from drivers.chunk import LinkEvent
 from gse.errors import UsageError
 from gse.station.columns import FRAME, STATUSES
 from gse.station.frame_table import FrameTable
-from gse.station.item_table import ITEM, Housekeeping
+from gse.station.housekeeping import ITEM, Housekeeping
 from gse.station.results import Status
 from gse.values.instant import NS_PER_S
 from gse.view.blueprint import _title, layout
