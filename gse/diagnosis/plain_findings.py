@@ -19,7 +19,7 @@ from gse.station.results import Status
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.counted_frames import CountedFrames
-from gse.statistics.low_field import air_in_field, only_reference_answers
+from gse.statistics.excuses import air_in_field, only_reference_answers
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.slopes import slope_within
 from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S

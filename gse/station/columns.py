@@ -218,7 +218,7 @@ OWN_COLUMNS = (
     Column("arrival_ms", "f8", "from mid-exposure to the first byte of the ATTITUDE frame at the host"),
     Column("matched", "u2", "stars that the sensor says it identified"),
 )
-"""Columns of the sensor's own answers beside panoramas (gse.statistics.sensor_answers)."""
+"""Columns of the sensor's own answers beside panoramas (gse.station.own_answers)."""
 
 FRAME = np.dtype([(column.name, column.dtype) for column in COLUMNS])
 """One row per panorama, columns as declared in COLUMNS."""

@@ -30,14 +30,13 @@ from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.frame_columns import Columns
-from gse.station.own_answers import SensorAnswers
+from gse.station.own_answers import SensorAnswers, by_other_stars_arcsec
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.availability import never_sent
 from gse.statistics.clock_health import clock_health
 from gse.statistics.decision import Claim
 from gse.statistics.excuses import excusing, left_out
-from gse.statistics.sensor_answers import by_other_stars_arcsec
 from gse.statistics.smooth_path import SmoothPath, smooth_path
 from gse.statistics.truth_budget import session_facts, truth_budget
 from gse.values.axis import ON_SKY

@@ -33,12 +33,14 @@ from gse.station.exclusions import (
     screen_lost,
 )
 from gse.station.frame_columns import Columns, InOrder
+from gse.station.own_answers import OwnAnswerTruth, field_of
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
-from gse.station.session_data import SessionData
+from gse.station.session_data import SessionData, middle_instant_ns
 from gse.station.sky_condition import CLEARED_MAG, FEWEST_EXPECTED, FEWEST_OBJECTS, SUN_LIMIT_DEG
 from gse.statistics.decision import Claim, Outcome, Row, Share
-from gse.statistics.low_field import air_in_field, only_reference_answers
+from gse.truth import truth_of
 from gse.truth.solar_system import sun_altitude_deg
+from gse.values.constants import ARCSEC_PER_RAD
 from gse.values.instant import NS_PER_S
 from gse.values.site import Site
 from gse.values.text import count_text
@@ -472,6 +474,37 @@ def _clouded(evidence: Evidence, row: Row) -> str:
     if 2 * clouded <= len(frames):
         return ""
     return f"the sky was clouded, or the sensor sees too few stars, in {clouded} of {len(frames)} frames"
+
+
+# A low field: air parts its stars by more than an identifier allows that knows no air. In orbit there is none: an
+# identifier that fails for it on the ground has not failed.
+
+_AIR_OF_TOLERANCE = 0.5
+"""Root mean square over the field: the distance of two stars is then off by up to three times as much."""
+
+
+def air_in_field(session: SessionData) -> str:
+    """How far air parts the stars of the field, in words, where that is too far for an identifier; else nothing."""
+    station, utc_ns = session.station, middle_instant_ns(session)
+    mount = session.alignment.mount if session.alignment else station.mount
+    truth = truth_of(station.site, mount, session.earth_orientation)
+    if truth is None or mount.inertial is not None or utc_ns is None:
+        return ""
+    camera = station.sensor.camera()
+    field = OwnAnswerTruth(truth, mount, aberration_corrected=True, field_sensor=field_of(camera))
+    arcsec = field.uneven_arcsec(utc_ns)
+    px = arcsec / (camera.pixel_rad * ARCSEC_PER_RAD)
+    if px < _AIR_OF_TOLERANCE * station.identifier.tolerance_px:
+        return ""
+    return f"air parts the stars of this low field by {arcsec:.0f} arcsec ({px:.1f} px, rms)"
+
+
+def only_reference_answers(session: SessionData) -> bool:
+    """Whether only the reference identifier names the stars of most frames, and the one under test does not fail."""
+    frames = session.frames.columns
+    failed = frames["status"] == STATUSES.index(Status.IDENTIFIER_FAULT)
+    absent = (frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)) & ~failed
+    return bool(2 * absent.sum() > len(frames))
 
 
 def _air(evidence: Evidence, row: Row) -> str:

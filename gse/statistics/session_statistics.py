@@ -1,5 +1,6 @@
 """Statistics of a session: those of each subject on trial, and those of its frames and clocks."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,16 +19,72 @@ from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.counted_frames import CountedFrames, counted_frames, own_counted
 from gse.statistics.incidents import AnswersWithin, Incident, answers_within, incidents
 from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
-from gse.statistics.rates import RateError, rate_errors
-from gse.statistics.sampling import Percentiles
+from gse.statistics.sampling import Bounds, Percentiles, error_bounds, root_mean_square_bounds
 from gse.statistics.sensor_convention import ConventionSearch, is_wrong, session_convention
 from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
 from gse.statistics.subject_statistics import NO_EARTH_RATE, SubjectAnswers, SubjectStatistics, subject_statistics
+from gse.truth import horizon_to_sensor
+from gse.values.attitude_convention import to_answers
 from gse.values.axis import ALL_AXES
+from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.matrices import product
 from gse.values.power import PowerUse, power_use
+from protocols.vocabulary import quantity
 
 _MOST_STAR_ERRORS = 20_000
 """Most star errors in the fit, 300 bytes each; of a longer session every second, third, ... frame enters."""
+
+RATES = ("rate_x", "rate_y", "rate_z")
+"""Items in which a sensor states the rates about its axes.
+
+A sensor that stands on the Earth turns with it: by 15.041 arcsec/s about the pole, whose components in the sensor's
+frame are those of the mount. Before a star simulator there is no such truth.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class RateError:
+    """The rate that a sensor states about one axis: ``bias`` is the mean less the truth, ``noise`` the deviation.
+
+    Of ``values``, ``n_eff`` are independent; bounds are NaN where these are too few.
+    """
+
+    axis: str
+    values: int
+    true_arcsec_per_s: float
+    bias_arcsec_per_s: float
+    noise_arcsec_per_s: float
+    n_eff: float
+    bias_bounds_arcsec_per_s: Bounds
+    noise_bounds_arcsec_per_s: Bounds
+
+
+def rate_errors(session: SessionData) -> tuple[RateError, ...]:
+    """The errors of the rates that came, none of a sensor that sends none, or whose mount is not known."""
+    mount = session.alignment.mount if session.alignment else session.station.mount
+    items = {item.name: number for number, item in enumerate(session.housekeeping.items)}
+    if not session.station.is_under_sky or (mount.align is not None and session.alignment is None):
+        return ()
+    latitude = math.radians(session.station.site.latitude_deg)
+    turn_enu = EARTH_RATE_ARCSEC_PER_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+    true = product(to_answers(horizon_to_sensor(mount)[None], session.station.sensor.attitude)[0], turn_enu)
+    rows, found = session.housekeeping.rows, []
+    for at, name in enumerate(RATES):
+        if name not in items:
+            continue
+        unit = session.housekeeping.items[items[name]].unit
+        try:
+            arcsec = quantity(f"1 {unit}", "arcsec/s")
+        except ValueError:  # a rate without a unit of angles
+            continue
+        stated = np.asarray(rows["value"])[np.asarray(rows["item"]) == items[name]] * arcsec
+        stated = stated[np.isfinite(stated)]
+        if len(stated) > 1:
+            bias, noise = float(stated.mean() - true[at]), float(stated.std(ddof=1))
+            of_bias, of_noise = error_bounds(stated - true[at]), root_mean_square_bounds(stated - stated.mean())
+            of_axis = name[-1], len(stated), float(true[at]), bias, noise
+            found.append(RateError(*of_axis, of_bias.n_eff, of_bias.bias, of_noise))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ import numpy as np
 
 from drivers.second_port import passing_bound_s
 from gse.station.clock_steps import instants_ns
+from gse.station.own_answers import by_other_stars_arcsec
 from gse.station.session_data import SessionData, middle_instant_ns
 from gse.statistics.budget_terms import (
     OWN_FRAME,
@@ -36,7 +37,6 @@ from gse.statistics.budget_terms import (
     stated_mount,
     time_terms,
 )
-from gse.statistics.sensor_answers import by_other_stars_arcsec
 from gse.statistics.star_terms import OWN_STARS, FieldOfStars, own_stars, star_terms
 from gse.statistics.uncertainty import AxisUncertainty, Term, combined
 from gse.truth import Alignment, EarthOrientation

@@ -22,12 +22,12 @@ from gse.station.events import StationKind
 from gse.station.exclusions import Cause, excluded
 from gse.station.frame_columns import Columns
 from gse.station.housekeeping import parameter_differences
+from gse.station.own_answers import not_compared
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.availability import LONGEST_S
 from gse.statistics.counted_frames import after_suspensions
 from gse.statistics.decision import Outcome, Row
-from gse.statistics.sensor_answers import not_compared
 from gse.statistics.sensor_convention import is_wrong, to_state, words_of
 from gse.statistics.session_statistics import Statistics
 from gse.truth import horizon_to_sensor, small_rotations

@@ -33,9 +33,8 @@ from gse.statistics.decision import (
     share_of,
     share_times,
 )
-from gse.statistics.rates import RateError
 from gse.statistics.sampling import MIN_FRAMES, NO_BOUNDS, Bounds
-from gse.statistics.session_statistics import Statistics
+from gse.statistics.session_statistics import RateError, Statistics
 from gse.statistics.subject_statistics import SubjectStatistics, figure_of
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values.axis import AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis

@@ -19,7 +19,7 @@ from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import ClockStep, StationKind
 from gse.station.results import AnswerCheck, Status
 from gse.statistics.counted_frames import counted_frames
-from gse.statistics.low_field import air_in_field
+from gse.statistics.excuses import air_in_field
 from gse.statistics.session_statistics import statistics
 from gse.values.mount import Mount
 

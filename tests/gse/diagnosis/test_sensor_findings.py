@@ -11,8 +11,7 @@ import scipy.special
 from skies.known_nights import START_NS, STATION, session
 
 from gse.diagnosis.sensor_findings import _by_few_other_stars_arcsec, _explained, _scatter, _zeros, sensor_findings
-from gse.station.own_answers import SensorAnswers, sensor_answers
-from gse.statistics.sensor_answers import by_other_stars_arcsec
+from gse.station.own_answers import SensorAnswers, by_other_stars_arcsec, sensor_answers
 from gse.statistics.sensor_convention import ConventionFit, ConventionSearch
 from gse.statistics.star_terms import roll_of_a_fix
 from gse.truth import Alignment

@@ -11,11 +11,10 @@ from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.diagnosis.fine_findings import without_shaking
 from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.own_answers import by_other_stars_arcsec
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.statistics.decision import Claim, Outcome, Row
-from gse.statistics.excuses import AIR, Evidence
-from gse.statistics.low_field import air_in_field
-from gse.statistics.sensor_answers import by_other_stars_arcsec
+from gse.statistics.excuses import AIR, Evidence, air_in_field
 from gse.statistics.truth_budget import session_facts, truth_budget
 from gse.values.axis import D_DE
 from gse.values.finding import Finding

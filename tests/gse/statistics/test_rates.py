@@ -15,7 +15,7 @@ from gse.report.summary import summarise
 from gse.station.housekeeping import ITEM, Housekeeping
 from gse.station.session_data import SessionData
 from gse.statistics.decision import Outcome
-from gse.statistics.rates import rate_errors
+from gse.statistics.session_statistics import rate_errors
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor
 from gse.values.mount import MountUncertainty
 from gse.verdict.assessment import judge

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TRUTH, session
 
-from gse.station.own_answers import OwnAnswerTruth, _compared, field_of, own_truth, paired, sensor_answers
-from gse.statistics.sensor_answers import _stars_of_a_fix, by_other_stars_arcsec, not_compared
+from gse.station.own_answers import (
+    OwnAnswerTruth,
+    _compared,
+    _stars_of_a_fix,
+    by_other_stars_arcsec,
+    field_of,
+    not_compared,
+    own_truth,
+    paired,
+    sensor_answers,
+)
 from gse.truth import Alignment, horizon_to_sensor
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.mount import InertialDirection, Mount

@@ -19,7 +19,7 @@ from gse.station.attitude_table import AttitudeTable
 from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
 from gse.station.events import StationKind
 from gse.station.exclusions import Cause, Exclusion
-from gse.station.own_answers import own_truth, sensor_answers
+from gse.station.own_answers import not_compared, own_truth, sensor_answers
 from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.statistics.availability import Outages
@@ -27,7 +27,6 @@ from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.clock_health import clock_health, stated_error_s
 from gse.statistics.decision import Outcome, Row, share_of
 from gse.statistics.sampling import Bounds
-from gse.statistics.sensor_answers import not_compared
 from gse.statistics.session_statistics import statistics
 from gse.statistics.subject_statistics import about_circular_mean
 from gse.statistics.truth_budget import TruthUncertaintyBudget
