@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drivers.mock.urls import sim_url
-from gse.config.edit import with_values
+from gse.config.choice import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.imaging.camera_fit import calibrate
 from gse.imaging.session_fit import PanoramaSample, star_fields

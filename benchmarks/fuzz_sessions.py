@@ -58,8 +58,7 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
         from gse.errors import GseError
         from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC, TIMING_TOPIC
         from gse.recording.session_tools import session_info
-        from gse.report.files import junit_xml
-        from gse.report.frames_csv import frames_csv
+        from gse.report.files import frames_csv, junit_xml
         from gse.report.summary import summarise
         from gse.report.terminal import plain_lines
         from gse.sessions.export import export_csv, export_ndjson

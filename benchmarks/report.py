@@ -33,7 +33,7 @@ def one(count: int) -> None:
     started = time.process_time()
     from gse.process.release_memory import spare_pandas
     from gse.report.files import write_report
-    from gse.report.result_key import ResultKey
+    from gse.report.provenance import ResultKey
     from gse.sessions.kept_results import keep, kept
     from gse.verdict.assessment import judge
 

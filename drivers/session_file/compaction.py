@@ -10,10 +10,9 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from drivers.errors import CaptureError
-from drivers.host_files import sync_folder
+from drivers.host_files import new_file, sync_folder
 from drivers.session_file.reader import one_file
 from drivers.session_file.records import PROFILE, RX, TX, Attachment, Damage, Record, RecordedMessage, checksum
-from drivers.whole_file import new_file
 
 CHUNK_BYTES = 64 << 10
 """Unpacked size: some 15 s at 10 Hz, the most that a damaged place can cost. Larger chunks pack no better."""

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import CaptureError
-from drivers.host_files import READ
+from drivers.host_files import READ, new_file
 from drivers.session_file.compaction import write_compact
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.reader import one_file
 from drivers.session_file.records import RX, TX, RecordedMessage
-from drivers.session_file.written_bytes import BLOCK_BYTES, WrittenBytes
-from drivers.whole_file import new_file
+from drivers.session_file.writer import BLOCK_BYTES, WrittenBytes
 
 
 @dataclass(frozen=True, slots=True)

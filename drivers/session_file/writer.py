@@ -10,6 +10,8 @@ never fails; ``flush`` hands the bytes to the kernel, and what the kernel refuse
 import contextlib
 import json
 import os
+import zlib
+from array import array
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from mcap.writer import IndexType, Writer
 
 from drivers.errors import CaptureError
 from drivers.host_files import CREATE, read_at
+from drivers.session_file.file_window import FileWindow
 from drivers.session_file.records import (
     CONTINUED,
     CONTINUES,
@@ -28,10 +31,57 @@ from drivers.session_file.records import (
     RecordedMessage,
     checksum,
 )
-from drivers.session_file.written_bytes import WrittenBytes
 
+BLOCK_BYTES = 64 << 10
+TAIL_BYTES = 8 << 20
+"""The end of the file that memory still holds: an hour at 10 Hz."""
 _LAST_NS = 2**64 - 1
 _ENCODINGS = {RX: "octet-stream", TX: "octet-stream"}
+
+
+class WrittenBytes:
+    """Memory of the bytes written to a file: a checksum of each block, and the last bytes themselves.
+
+    Another program, a bad sector or a faulty stick can change a file while it grows. The closed file is compared with
+    this memory: 4 bytes for 64 KiB of file, and TAIL_BYTES.
+    """
+
+    def __init__(self) -> None:
+        self.size = 0
+        self._checksums = array("I")
+        self._crc = 0
+        self._tail = bytearray()
+
+    def add(self, data: bytes) -> None:
+        """Add bytes written at the end of the file."""
+        self._tail += data
+        if len(self._tail) > 2 * TAIL_BYTES:
+            del self._tail[:-TAIL_BYTES]
+        view = memoryview(data)
+        while view:
+            room = BLOCK_BYTES - self.size % BLOCK_BYTES
+            self._crc = zlib.crc32(view[:room], self._crc)
+            self.size += min(room, len(view))
+            view = view[room:]
+            if self.size % BLOCK_BYTES == 0:
+                self._checksums.append(self._crc)
+                self._crc = 0
+
+    def differing(self, window: FileWindow) -> list[int]:
+        """Offsets of the blocks of a file that are not what was written; CaptureError where it cannot be read."""
+        checksums = [*self._checksums, self._crc] if self.size % BLOCK_BYTES else list(self._checksums)
+        found = []
+        for number, expected in enumerate(checksums):
+            offset = number * BLOCK_BYTES
+            size = min(BLOCK_BYTES, self.size - offset)
+            block = window.get(offset, size)
+            if len(block) != size or zlib.crc32(block) != expected:
+                found.append(offset)
+        return found
+
+    def tail(self) -> tuple[int, bytes]:
+        """Offset and bytes of the end of the file that is still in memory."""
+        return self.size - len(self._tail), bytes(self._tail)
 
 
 class CaptureWriter(MessageWriter):

@@ -24,7 +24,7 @@ from distributed.scheduler import KilledWorker
 from gse.errors import CampaignError, UsageError
 from gse.evaluation.monte_carlo import Evaluator, tasks
 from gse.evaluation.plan import FrameOutcome, Plan
-from gse.report.result_key import software_sha256
+from gse.report.provenance import software_sha256
 
 LOOPBACK = "127.0.0.1"
 RETRIES = 2

@@ -18,7 +18,7 @@ from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
 from gse.campaign.star_places import SIGMAS
 from gse.campaign.trends import thermal, trends
 from gse.report.paper import LIMIT_DEG, PAPER, PaperRow
-from gse.report.result_key import software_sha256
+from gse.report.provenance import software_sha256
 from gse.report.summary import table_row
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import DECISION_TEXT, Outcome

@@ -21,7 +21,7 @@ from gse.campaign.sources import SessionSource
 from gse.campaign.storage import StorageError, with_patience
 from gse.config.choice import StationText
 from gse.errors import CampaignError
-from gse.report.result_key import software_sha256
+from gse.report.provenance import software_sha256
 
 
 @dataclass(frozen=True, slots=True)

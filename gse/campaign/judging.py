@@ -52,7 +52,7 @@ from gse.report import summarise
 from gse.report.frames_table import frames_parts
 from gse.report.housekeeping_table import housekeeping_parts
 from gse.report.parquet import write_parquet
-from gse.report.result_key import ResultKey, session_sha256, software_sha256
+from gse.report.provenance import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import failed_session, sessions_table
 from gse.report.stars_table import names_parts, stars_parts
 from gse.report.table_columns import field

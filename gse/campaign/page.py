@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
 
-from drivers.whole_file import write_whole
+from drivers.host_files import write_whole
 from gse.campaign.decision import length_text
 from gse.campaign.star_places import SIGMAS
 from gse.errors import UsageError

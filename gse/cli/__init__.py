@@ -12,7 +12,9 @@ import difflib
 import errno
 import importlib
 import os
+import shutil
 import sys
+import textwrap
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,9 +24,7 @@ import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import is_plain, plain_line, plain_lines
-from gse.cli.commands import COMMANDS, dressed, epilog
-from gse.cli.folding import folded
-from gse.cli.retired import retired
+from gse.cli.commands import COMMANDS, dressed, epilog, retired
 from gse.errors import GseError
 from gse.process.broken_package import broken_package
 from gse.version import __version__
@@ -158,6 +158,27 @@ def _show(error: click.ClickException) -> None:
             click.echo(folded(f"gse: {sentence}", err=True), err=True)
             return
     error.show()
+
+
+def folded(text: str, *, indent: int = 0, err: bool = False) -> str:
+    """``text`` for stdout, or stderr with ``err``: lines wider than the terminal go on below, ``indent`` columns in.
+
+    A word that is wider than the terminal, such as a path, stays whole; files and pipes get all lines whole.
+    """
+    stream = sys.stderr if err else sys.stdout
+    if stream is None or not stream.isatty():
+        return text
+    columns = shutil.get_terminal_size().columns
+    return "\n".join(_folded(line, columns, indent) for line in text.split("\n"))
+
+
+def _folded(line: str, columns: int, indent: int) -> str:
+    if len(line) <= columns:
+        return line
+    pieces = textwrap.wrap(
+        line, columns, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(pieces)
 
 
 def unexpected(error: BaseException) -> int:

@@ -12,8 +12,7 @@ import numpy as np
 from gse.cli import EXIT_FAIL
 from gse.cli.files import damage_code, write_new
 from gse.cli.options import fit_options, say
-from gse.config.choice import change_to
-from gse.config.edit import with_values
+from gse.config.choice import change_to, with_values
 from gse.errors import UsageError
 from gse.process.terminal import working
 from gse.station.attitude_error import attitude_error

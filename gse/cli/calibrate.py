@@ -8,8 +8,7 @@ import click
 
 from gse.cli.files import damage_code, write_new
 from gse.cli.options import fit_options, say
-from gse.config.choice import change_to, station_of, with_identifier
-from gse.config.edit import with_values
+from gse.config.choice import change_to, station_of, with_identifier, with_values
 from gse.config.station import parse_station
 from gse.errors import TruthError, UsageError
 from gse.imaging.camera_fit import Calibration

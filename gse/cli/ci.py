@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers.host_files import write_whole
 from drivers.outside_text import plain_line
-from drivers.whole_file import write_whole
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.options import IDENTIFIER, PLUG_HELP
 from gse.errors import UsageError

@@ -1,5 +1,5 @@
 """The commands, in the order of ``gse --help``: what each does, the two examples that its help ends with, its options
-that only ``--help-all`` shows, and names that options had before.
+that only ``--help-all`` shows, names that options had before, and options that are gone.
 
 A command is a module of its own beside this one; a new one gets a line in COMMANDS and one in EXAMPLES.
 """
@@ -280,3 +280,33 @@ def _old_name(old: str, target: str, value: str | None) -> click.Option:
     is_flag = value is not None
     names = [old, f"old_{old.lstrip('-')}"]
     return click.Option(names, is_flag=is_flag, hidden=True, is_eager=True, expose_value=False, callback=hand_on)
+
+
+_PLAN = "'gse plan SESSION' plans from a recorded session; without one 'gse preflight' says how long a session must be"
+_THREADS = "leave it out: a replay chooses itself, and its results are the same"
+
+RETIRED = {
+    ("gse ci", "--cut"): "leave it out; 'gse run --port replay://FILE?cut=37' receives a session in pieces of 37 bytes",
+    ("gse replay", "--expect"): (
+        "'gse ci FOLDER --identifier X' compares with NAME.answers.ndjson, 'gse compare FILE --with-sensor' with what "
+        "the sensor sent"
+    ),
+    ("gse replay", "--loop"): "'gse run --port replay://FILE?loop=3' receives a session three times in a row",
+    ("gse replay", "--step"): "'gse view FILE' goes from frame to frame, 'gse replay FILE --json-frames' prints each",
+    ("gse replay", "--threads"): _THREADS,
+    ("gse report", "--threads"): _THREADS,
+    **{
+        ("gse plan", option): _PLAN
+        for option in (
+            *("--station", "--noise", "--roll-noise", "--tau", "--error", "--limit", "--truth", "--rate"),
+            "--availability",
+        )
+    },
+}
+"""By command and option, the sentence that names what does now what it did: exit code 2, and that sentence."""
+
+
+def retired(command: str, option: str) -> str | None:
+    """What does now what an option did; None where there was no such option."""
+    sentence = RETIRED.get((command, option))
+    return None if sentence is None else f"'{' '.join(filter(None, (command, option)))}' is retired: {sentence}"

@@ -12,10 +12,10 @@ import click
 import yaml
 
 from drivers.clock import read_clock
+from drivers.host_files import new_file
 from drivers.ports import ports_here
-from drivers.whole_file import new_file
 from gse.catalog import load_catalog
-from gse.cli.folding import folded
+from gse.cli import folded
 from gse.cli.options import at_option
 from gse.config.choice import station_of
 from gse.config.draft import Draft, draft_text

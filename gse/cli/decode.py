@@ -5,8 +5,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli import EXIT_DATA_LOST
-from gse.cli.folding import folded
+from gse.cli import EXIT_DATA_LOST, folded
 from protocols import Frame
 
 

@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from drivers.clock import read_clock
 from drivers.ports import is_mock
-from gse.cli.folding import folded
+from gse.cli import folded
 from gse.cli.options import duration_option, gathered, station_option
 from gse.config.choice import station_of
 from gse.config.station import Port

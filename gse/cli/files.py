@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from drivers.whole_file import new_file
+from drivers.host_files import new_file
 from gse.cli import EXIT_DATA_LOST
 from gse.errors import UsageError
 

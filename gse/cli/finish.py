@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from drivers.whole_file import write_whole
+from drivers.host_files import write_whole
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERNAL, EXIT_INTERRUPTED
 from gse.cli.options import gathered, json_option, paper_option, verbose_option
 from gse.errors import UsageError

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli.folding import folded
+from gse.cli import folded
 from gse.config.choice import ALGORITHMS, plug_values
 from gse.errors import UsageError
 from gse.values import instant

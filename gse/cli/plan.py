@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_FAIL
-from gse.cli.folding import folded
+from gse.cli import EXIT_FAIL, folded
 from gse.cli.options import session_argument
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli import EXIT_FAIL
-from gse.cli.folding import folded
+from gse.cli import EXIT_FAIL, folded
 from gse.cli.options import at_option, earth_orientation_option, out_option, station_option
 from gse.config.choice import station_of
 from gse.errors import ConfigError

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from drivers.whole_file import write_whole
+from drivers.host_files import write_whole
 from gse.cli.finish import Printed, printed
 from gse.cli.live_outputs import LiveOptions, live_options
 from gse.cli.options import out_option, plots_option, station_option

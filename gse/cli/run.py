@@ -42,8 +42,7 @@ from gse.cli.options import (
     station_option,
 )
 from gse.cli.screen import scene_option, served, stage_of
-from gse.config.choice import station_of, with_identifier
-from gse.config.edit import with_values
+from gse.config.choice import station_of, with_identifier, with_values
 from gse.config.station import Sensor, Station
 from gse.errors import GseError, UsageError
 from gse.procedure.file import Procedure, check, duration_s, exposure_range_s, parse_procedure

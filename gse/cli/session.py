@@ -9,9 +9,9 @@ from typing import Any, BinaryIO
 
 import click
 
+from drivers.host_files import new_file
 from drivers.outside_text import plain_lines
 from drivers.session_file.records import RX
-from drivers.whole_file import new_file
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.files import damage_code
 from gse.cli.options import station_option

@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from drivers.mock.urls import sim_url
-from gse.cli import EXIT_DATA_LOST
-from gse.cli.folding import folded
+from gse.cli import EXIT_DATA_LOST, folded
 from gse.cli.options import out_option, station_option
 from gse.config.choice import station_of
 from gse.config.station import parse_station

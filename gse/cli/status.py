@@ -9,8 +9,7 @@ from typing import Any
 import click
 
 from drivers.clock import read_clock
-from gse.cli import EXIT_FAIL
-from gse.cli.folding import folded
+from gse.cli import EXIT_FAIL, folded
 from gse.errors import UsageError
 from gse.values.instant import NS_PER_S, from_text
 

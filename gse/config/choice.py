@@ -1,15 +1,20 @@
-"""The station and the identifier under test that somebody chooses: by a file, by a name, by a program."""
+"""The station and the identifier under test that somebody chooses: by a file, by a name, by a program.
+
+A choice also changes the text of the station file, for the session file: its other lines and comments stay.
+"""
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
-from gse.config.edit import with_values
+import yaml
+
 from gse.config.station import BUILT_IN_TEXT, Station, parse_recorded, parse_station, read_station
 from gse.errors import UsageError
 from gse.values.identifier_options import PLUG_KEYS, Algorithm
+from protocols.yaml_text import load_document
 
 StationText = tuple[Station, str]
 """A station and the text of its file."""
@@ -108,3 +113,50 @@ def _beside(station: Station, path: Path) -> Station:
         folder = (path.parent / (station.identifier.directory or ".")).absolute()
         changes["identifier"] = replace(station.identifier, directory=str(folder))
     return station.model_copy(update=changes) if changes else station
+
+
+def with_values(
+    text: str, section: str, values: Mapping[str, object], *, drop: tuple[str, ...] = (), recorded: bool = False
+) -> str:
+    """The text with other values in one section; keys not in ``values`` stay but for those to ``drop``.
+
+    The section is written anew, without comments inside it; all else stays as it was. The result is checked:
+    ConfigError where it is not a station file. A ``recorded`` text may be of an earlier version.
+    """
+    parse = parse_recorded if recorded else parse_station
+    _, document = load_document(text, base_60=bool(recorded and parse(text).refusal))
+    kept = {key: value for key, value in (document.get(section) or {}).items() if key not in drop}
+    block = _block(section, {**kept, **values})
+    lines = text.splitlines()
+    begin, end = _extent(text, section, len(lines))
+    changed = "\n".join([*lines[:begin], *block, *lines[end:]]) + "\n"
+    parse(changed, "the changed station file")
+    return changed
+
+
+def _block(section: str, values: Mapping[str, object]) -> list[str]:
+    body = [
+        yaml.safe_dump({key: value}, default_flow_style=True, width=10_000).strip()[1:-1]
+        for key, value in values.items()
+    ]
+    return [f"{section}:", *(f"  {line}" for line in body)]
+
+
+def _extent(text: str, section: str, lines: int) -> tuple[int, int]:
+    """First line and line after the last of a section; the end of the text where there is none."""
+    node, _ = load_document(text)
+    assert isinstance(node, yaml.MappingNode)
+    keys = [key for key, _ in node.value]
+    for place, key in enumerate(keys):
+        if key.value == section:
+            begin = key.start_mark.line
+            end = keys[place + 1].start_mark.line if place + 1 < len(keys) else lines
+            return begin, _before_comments(text.splitlines(), begin, end)
+    return lines, lines
+
+
+def _before_comments(lines: list[str], begin: int, end: int) -> int:
+    """Blank lines and unindented comments before the next section belong to that."""
+    while end > begin + 1 and (not lines[end - 1].strip() or lines[end - 1].startswith("#")):
+        end -= 1
+    return end

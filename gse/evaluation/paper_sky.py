@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from drivers.whole_file import write_whole
+from drivers.host_files import write_whole
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog
 from gse.evaluation.monte_carlo import of_angles
 from gse.evaluation.plan import Plan

@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from drivers.whole_file import write_whole
+from drivers.host_files import write_whole
 from gse.errors import UsageError
 from gse.view.drawing import BLUE, GREEN, ORANGE, PINK, SKY_BLUE, VERMILLION, hex_of
 

@@ -21,8 +21,7 @@ from drivers.session_file.compaction import compact
 from drivers.session_file.read_back import read_back
 from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX, TX, Attachment, MessageWriter, RecordedMessage
-from drivers.session_file.writer import CaptureWriter
-from drivers.session_file.written_bytes import WrittenBytes
+from drivers.session_file.writer import CaptureWriter, WrittenBytes
 from gse.recording.session_format import RecorderKind
 
 # Syncing of a session file, beside its writing.

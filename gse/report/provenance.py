@@ -1,4 +1,4 @@
-"""What a report carries of where it comes from: its host, and the fingerprint of what it shows."""
+"""Where a report comes from: its host, the fingerprint of what it shows, and what its results follow from."""
 
 import functools
 import hashlib
@@ -7,17 +7,22 @@ import json
 import platform
 import re
 import subprocess
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
+from drivers.host_files import only_a_file
 from drivers.outside_text import plain_lines
-from gse.process.installation import package_version
+from gse.process.installation import package_version, source_sha256
+from gse.station.setup import versions
 
 SCHEMA = "gse.provenance/1"
 _DRAWN_WITH = ("matplotlib", "jinja2", "scipy")
 _GIT_WITHIN_S = 10
 _MOST_LENGTH = 200
+_READ_AT_ONCE = 1 << 20
 
 Provenance = dict[str, Any]
 
@@ -118,3 +123,37 @@ def _document(pattern: re.Pattern[str], page: str) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return document if isinstance(document, dict) else None
+
+
+@dataclass(frozen=True, slots=True)
+class ResultKey:
+    """Key of a session's results, to the byte: hashes in hexadecimal.
+
+    They are of the session's bytes, of the station file in force, and of the software.
+    """
+
+    session_sha256: str
+    station_sha256: str
+    software_sha256: str
+
+    @property
+    def text(self) -> str:
+        """The three as one, 64 hexadecimal digits."""
+        return hashlib.sha256("\n".join(astuple(self)).encode()).hexdigest()
+
+
+def session_sha256(segments: Iterable[Path]) -> str:
+    """Of the files of a session, in the order of its segments."""
+    whole = hashlib.sha256()
+    for path in segments:
+        with open(path, "rb", opener=only_a_file) as file:
+            while data := file.read(_READ_AT_ONCE):
+                whole.update(data)
+    return whole.hexdigest()
+
+
+@functools.lru_cache(maxsize=1)
+def software_sha256() -> str:
+    """Of the program's files and the versions of the packages that the numbers of a report depend on."""
+    packages = "\n".join(f"{name} {version}" for name, version in sorted(versions().items()))
+    return hashlib.sha256(f"{source_sha256()}\n{packages}".encode()).hexdigest()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gse.procedure.as_run import StepRun
 from gse.report.frames_table import frames_table
 from gse.report.housekeeping_table import housekeeping_table
-from gse.report.result_key import ResultKey
+from gse.report.provenance import ResultKey
 from gse.report.stars_table import names_table, stars_table
 from gse.report.table_columns import (
     COUNT,

@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 
 from drivers.chunk import LinkEvent
-from drivers.whole_file import new_file
-from gse.config.edit import with_values
+from drivers.host_files import new_file
+from gse.config.choice import with_values
 from gse.config.station import parse_recorded
 from gse.report.conclusion import conclusion_lines, folded, next_steps
 from gse.report.terminal import further_lines

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from drivers.host_files import only_a_file
+from drivers.host_files import only_a_file, write_whole
 from drivers.outside_text import plain_line
-from drivers.whole_file import write_whole
 from gse.errors import TableError, UsageError
 from gse.external.answers import NO_ANSWER, Failure, FailureKind
 from gse.station.frame_results import FrameResult, FrameResults

@@ -13,10 +13,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from mcap.writer import CompressionType, Writer
 
+from drivers.host_files import new_file
 from drivers.outside_text import table_cell
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage, RecordedMessage
-from drivers.whole_file import new_file
 from gse.report.parquet import write_parquet
 from gse.report.sessions_table import SessionTables
 from gse.report.table_columns import SCHEMA_VERSION

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import DriverError
-from drivers.host_files import only_a_file
+from drivers.host_files import only_a_file, write_whole
 from drivers.outside_text import plain_line, plain_lines
 from drivers.session_file.reader import segment_files
-from drivers.whole_file import write_whole
 from gse.config.choice import change_to
 from gse.errors import GseError, UsageError
 from gse.report import summarise

@@ -11,7 +11,7 @@
 
 They are in the user's cache directory, in a folder for the path of the session, never beside it: a session may come
 from anybody, with results that were never derived. The key is the SHA-256 of session, station file and software
-(gse.report.ResultKey): whatever changes, the results are no longer found, and are derived anew. One rename puts a
+(gse.report.provenance): whatever changes, the results are no longer found, and are derived anew. One rename puts a
 whole folder in place. A folder whose files do not match the hashes in it, or whose tables have other columns, is not
 used.
 """
@@ -48,11 +48,10 @@ from gse.process.installation import own_cache_folder
 from gse.recording.session_format import read_attachments
 from gse.report.frames_table import frames_parts, frames_schema
 from gse.report.parquet import ROWS_AT_ONCE, ParquetColumns, read_parquet, write_parquet
-from gse.report.result_key import ResultKey, session_sha256, software_sha256
+from gse.report.provenance import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import sessions_table
 from gse.report.stars_table import stars_parts, stars_schema
-from gse.sessions.replay import Replay, StationInForce, station_in_force
-from gse.sessions.sealed_station import names_program
+from gse.sessions.replay import Replay, StationInForce, names_program, station_in_force
 from gse.sessions.status_file import is_running, read_status
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.columns import COLUMNS, Column

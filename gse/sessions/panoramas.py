@@ -13,8 +13,7 @@ from gse.config.station import BUILT_IN_TEXT, Station, parse_recorded, parse_sta
 from gse.errors import UsageError
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
 from gse.sessions.imported import stated_start_ns
-from gse.sessions.replay import ReplayOptions
-from gse.sessions.sealed_station import sealed, unsealed
+from gse.sessions.replay import ReplayOptions, sealed, unsealed
 from gse.station.reception import Reception
 from gse.station.setup import addressed
 from gse.truth import EarthOrientation

@@ -5,7 +5,7 @@ import math
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.chunk import LinkEvent
@@ -13,6 +13,7 @@ from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock.playback import is_session
 from drivers.mock.urls import replay_url
+from gse.catalog.readers import GAIA
 from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_recorded
 from gse.errors import TruthError, UsageError
@@ -28,7 +29,6 @@ from gse.recording.session_format import (
     read_recorded,
 )
 from gse.sessions.imported import stated_start_ns
-from gse.sessions.sealed_station import names_program, sealed, unsealed
 from gse.sessions.status_file import is_being_recorded
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
@@ -38,12 +38,56 @@ from gse.station.setup import no_words, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.values import instant
-from protocols import Frame, FrameDecoder, load_protocol
+from protocols import Frame, FrameDecoder, built_in_names, load_protocol
 
 FIRST_WITHIN_S = 1.0
 MOST_THREADS = 2
 """A third would have nothing to do: identification is half of the work, and all else holds Python's lock."""
 _NO_STATION = "the session has no station file, so the built-in station is used; give the right one with --station"
+
+_SEAL = "session://"
+"""Marks paths and programs in the station file of a session.
+
+A session may come from anybody, so its own station file must not open files of this host, nor start a program. A path
+still marked after the operator's changes is refused; of a program still marked the recorded answers are judged.
+"""
+
+
+def sealed(station: Station) -> Station:
+    """The station of a session with its paths and programs marked."""
+    changes: dict[str, object] = {}
+    if station.catalog != GAIA:
+        changes["catalog"] = _SEAL + station.catalog
+    if station.protocol not in built_in_names():
+        changes["protocol"] = _SEAL + station.protocol
+    if station.identifier.algorithm == "external":
+        changes["identifier"] = replace(station.identifier, directory=_SEAL)
+    if station.power is not None:  # a session switches nothing on this host
+        changes["power"] = station.power.model_copy(update={"on": (_SEAL,), "off": (_SEAL,), "read": ()})
+    return station.model_copy(update=changes) if changes else station
+
+
+def names_program(station: Station) -> bool:
+    """Whether only the session itself names the external identifier."""
+    return station.identifier.algorithm == "external" and station.identifier.directory == _SEAL
+
+
+def unsealed(station: Station, *, has_protocol: bool, needs_catalog: bool = True) -> Station:
+    """The station without marks; UsageError where only the session itself names a file that is needed.
+
+    ``has_protocol``: the session holds the protocol's description itself.
+    """
+    paths = []
+    if needs_catalog and station.catalog.startswith(_SEAL):
+        paths.append(f"the catalogue {station.catalog.removeprefix(_SEAL)}")
+    if not has_protocol and station.protocol.startswith(_SEAL):
+        paths.append(f"the protocol {station.protocol.removeprefix(_SEAL)}")
+    if paths:
+        raise UsageError(
+            f"the session's own station file names {' and '.join(paths)}, and a session opens no file of this host; "
+            "give a station file that names it: --station FILE"
+        )
+    return station.model_copy(update={"protocol": station.protocol.removeprefix(_SEAL)})
 
 
 @dataclass(frozen=True, slots=True)

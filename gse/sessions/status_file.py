@@ -18,10 +18,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.clock import read_clock
-from drivers.host_files import READ, only_a_file
+from drivers.host_files import READ, only_a_file, write_whole
 from drivers.outside_text import is_plain, plain_line
 from drivers.session_file.record_scanner import MAGIC
-from drivers.whole_file import write_whole
 from gse.errors import UsageError
 from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, OF_SENSOR, Notes, note_text
 from gse.values import instant

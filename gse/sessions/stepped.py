@@ -17,8 +17,7 @@ import yaml
 
 from drivers.mock.urls import parse_mock_url
 from drivers.urlhandlers.protocol_sim import register
-from gse.config.choice import station_of
-from gse.config.edit import with_values
+from gse.config.choice import station_of, with_values
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.procedure.as_run import StepOutcome

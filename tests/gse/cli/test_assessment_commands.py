@@ -7,7 +7,7 @@ import pytest
 from skies.known_nights import session
 
 from gse.cli import compare
-from gse.config.edit import with_values
+from gse.config.choice import with_values
 from gse.config.station import read_station
 from gse.simulator.scenario import load_scenario
 from gse.verdict.session_comparison import session_comparison

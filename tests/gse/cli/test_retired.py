@@ -8,7 +8,7 @@ import pytest
 from devices.command_line import runner
 
 from gse.cli import cli
-from gse.cli.retired import RETIRED, retired
+from gse.cli.commands import RETIRED, retired
 
 GONE = [key for key in RETIRED if key[1]]
 _QUOTED = re.compile(r"'(gse [^']+)'")

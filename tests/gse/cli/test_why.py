@@ -7,7 +7,7 @@ import zipfile
 import pytest
 
 from drivers.chunk import LinkEvent
-from gse.config.edit import with_values
+from gse.config.choice import with_values
 from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.sessions.replay import replay_session
 from gse.station.events import FindingEvent

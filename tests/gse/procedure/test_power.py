@@ -14,7 +14,7 @@ from gse.config.station import Power, parse_station
 from gse.errors import ConfigError
 from gse.procedure.power import PowerSwitch, reading_of, run_program
 from gse.recording.session_format import read_recorded
-from gse.sessions.sealed_station import sealed
+from gse.sessions.replay import sealed
 from gse.station.events import StationKind
 from gse.values.instant import NS_PER_S
 from gse.values.power import PowerReading, power_use

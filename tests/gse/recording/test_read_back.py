@@ -13,7 +13,7 @@ from drivers.chunk import Chunk
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, RecordedMessage
 from drivers.session_file.verification import verify
-from drivers.session_file.written_bytes import BLOCK_BYTES, TAIL_BYTES
+from drivers.session_file.writer import BLOCK_BYTES, TAIL_BYTES
 from gse.recording.recorder import Recorder
 
 COUNT, SIZE = 1000, 216

@@ -21,8 +21,7 @@ from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 from gse.errors import UsageError
 from gse.process.jit import compiled_folder
 from gse.report import summarise
-from gse.report.files import junit_xml, write_report
-from gse.report.frames_csv import frames_csv
+from gse.report.files import frames_csv, junit_xml, write_report
 from gse.report.page import _TemplateOnDisk, report_html
 from gse.report.summary import plain
 from gse.report.terminal import facts, plain_lines, print_verdict

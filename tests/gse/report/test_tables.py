@@ -14,7 +14,7 @@ from skies.synthetic_night import small_catalog, synthetic_night
 
 from gse.report.frames_table import frames_parts, frames_schema
 from gse.report.parquet import write_parquet
-from gse.report.result_key import ResultKey
+from gse.report.provenance import ResultKey
 from gse.report.sessions_table import failed_session, night_of, session_tables, sessions_schema
 from gse.report.stars_table import stars_parts, stars_schema
 from gse.report.table_columns import joined

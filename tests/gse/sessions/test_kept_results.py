@@ -16,7 +16,7 @@ from skies.synthetic_night import START_NS, small_catalog, synthetic_night
 from gse.report import summarise
 from gse.report.files import write_report
 from gse.report.parquet import write_parquet
-from gse.report.result_key import ResultKey
+from gse.report.provenance import ResultKey
 from gse.sessions import kept_results
 from gse.sessions.kept_results import (
     CONTEXT,

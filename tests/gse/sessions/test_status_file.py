@@ -15,8 +15,8 @@ from devices.patience import PATIENCE_S
 from skies.known_nights import NONE, START_NS, frame, session, unanswered
 from skies.one_by_one import results_of
 
+from drivers.host_files import _beside
 from drivers.outside_text import is_plain
-from drivers.whole_file import _beside
 from gse.cli.status import command as status_command
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skies.synthetic_night import synthetic_night
 
-from gse.report.frames_csv import frames_csv
+from gse.report.files import frames_csv
 from gse.station.columns import COLUMNS, FRAME, OWN_COLUMNS, SKY_CONDITIONS, Column, empty_rows, unit_of
 from gse.station.own_answers import SensorAnswers
 from gse.station.results import Subject

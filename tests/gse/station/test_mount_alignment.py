@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skies.one_by_one import Made, Stars, add_frame
 
-from gse.config.edit import with_values
+from gse.config.choice import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError, UsageError
 from gse.station.columns import empty_rows

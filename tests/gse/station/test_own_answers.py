@@ -13,7 +13,7 @@ from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.report import summarise
-from gse.report.frames_csv import frames_csv
+from gse.report.files import frames_csv
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER, QUATERNION
 from gse.station.columns import FRAME

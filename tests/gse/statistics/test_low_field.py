@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
-from gse.config.edit import with_values
+from gse.config.choice import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.diagnosis.fine_findings import without_shaking
 from gse.station.columns import ANSWER_CHECKS, STATUSES

@@ -8,8 +8,7 @@ from devices.items_sensor import LINES
 from skies.synthetic_night import START_NS, synthetic_night
 
 from gse.report.page import report_html
-from gse.report.provenance import provenance
-from gse.report.result_key import ResultKey
+from gse.report.provenance import ResultKey, provenance
 from gse.report.sessions_table import sessions_table
 from gse.report.summary import summarise
 from gse.station.housekeeping import ITEM, Housekeeping

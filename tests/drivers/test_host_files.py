@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from devices.full_disk import full_disk
 
-from drivers.whole_file import whole_files, write_whole
+from drivers.host_files import whole_files, write_whole
 
 
 def test_a_link_that_was_planted_beside_the_file_is_not_written_through(tmp_path: Path) -> None:
