@@ -15,6 +15,7 @@ from gse.values.limits import Decision
 from gse.values.text import count_text
 from gse.verdict.assessment import LEFT_OUT, RELATIVE
 from gse.verdict.obstacles import NO_TRUTH, NOTHING_COMPARED
+from gse.verdict.requirements import requirement_named
 
 SET_UP = "set-up: "
 """Before the reason that a mistake of the set-up is."""
@@ -147,7 +148,9 @@ def _without_frames(report: dict[str, Any]) -> str:
 
 
 def _is_compared(report: dict[str, Any]) -> bool:
-    return any(row["unit"] == "arcsec" and row["value"] is not None for row in report["measurements"])
+    """Whether a row whose figure is an error has a value."""
+    valued = (requirement_named(row["name"]) for row in report["measurements"] if row["value"] is not None)
+    return any(found is not None and found.is_error for found in valued)
 
 
 def _undecided_rows(report: dict[str, Any]) -> Iterator[dict[str, Any]]:

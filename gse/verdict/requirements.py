@@ -478,6 +478,11 @@ class Requirement:
         return isinstance(self.decided, (ByShare, ByValue)) and self.decided.at_least
 
     @property
+    def is_error(self) -> bool:
+        """Whether its figure is an error of the answers against truth, which has no value where none was compared."""
+        return isinstance(self.decided, ByBounds) and bool(self.decided.truth)
+
+    @property
     def share_column(self) -> str | None:
         """The name of its share in the tables of a data set; None of a figure."""
         return self.decided.column if isinstance(self.decided, ByShare) else None

@@ -175,3 +175,12 @@ def test_a_session_under_a_lens_cap_is_to_be_repeated_and_one_that_is_too_short_
     assert next_steps(report, [])[0].startswith("repeat it with nothing before the lens")
     report["measurements"].append({"outcome": "INCONCLUSIVE"})
     assert "gse plan" in next_steps(report, [])[0]
+
+
+def test_only_a_value_of_a_row_of_errors_shows_that_frames_were_compared(cloudy) -> None:
+    """An item of the sensor may be in arcsec too, and says nothing of the sky."""
+    item = {"name": "jitter, highest", "unit": "arcsec", "value": 3.0, "outcome": "PASS", "reason": ""}
+    error = item | {"name": "95 % of |dDE|"}
+    for row, is_compared in ((item, False), (error, True), (error | {"value": None}, False)):
+        told = conclusion(copy.deepcopy(cloudy) | {"reasons": [], "measurements": [row]})
+        assert (told["reason"] != "no frame could be compared with the sky") is is_compared
