@@ -27,9 +27,9 @@ from gse.diagnosis.fine_causes import sinusoids, steps
 from gse.diagnosis.fine_hypotheses import causes_of_field, constant_causes, drifts
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import pole
+from gse.station.events import Finding
 from gse.statistics.session_statistics import statistics
 from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
-from gse.values.finding import Finding
 from gse.values.site import Site
 from gse.verdict.assessment import judge
 

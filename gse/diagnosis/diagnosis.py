@@ -43,7 +43,7 @@ from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import pole
 from gse.station.clock_steps import clock_steps, clock_stretches
-from gse.station.events import ClockStep, FindingEvent, StationKind
+from gse.station.events import ClockStep, Finding, FindingEvent, StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.frame_table import thinned, xy_px_of
 from gse.station.own_answers import sensor_answers
@@ -56,7 +56,6 @@ from gse.truth import horizon_to_sensor, time_blocks
 from gse.values.axis import AXES, ON_SKY
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import length, product
 from gse.values.mount import Mount

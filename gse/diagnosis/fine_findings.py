@@ -22,12 +22,12 @@ from gse.diagnosis.gross_causes import DATE_S, wrong_dates
 from gse.diagnosis.late_frames import CRYSTAL_PPM, LateFrames
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import about, all_turns, pole
+from gse.station.events import Finding
 from gse.station.session_data import SessionData
 from gse.statistics.excuses import air_in_field
 from gse.truth import horizon_to_sensor, mount_of
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S, EARTH_RATE_RAD_PER_S
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S, to_text
 from gse.values.matrices import lstsq, product
 from gse.values.mount import Mount

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from gse.diagnosis.turns import EAST, VERTICAL, about, level_axis, pole, size_rad, taken_out
 from gse.station.columns import ANSWER_CHECKS
+from gse.station.events import Finding
 from gse.station.frame_columns import Columns
 from gse.station.results import AnswerCheck
 from gse.station.session_data import SessionData
@@ -29,7 +30,6 @@ from gse.truth.orientation import FIRST_NS
 from gse.values.attitude import Attitude, solve_attitude
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_RAD_PER_S
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_DAY, NS_PER_S, to_text
 from gse.values.matrices import length, lstsq, product
 from gse.values.mount import Mount

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gse.errors import TruthError
 from gse.station.columns import STATUSES
+from gse.station.events import Finding
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import xy_px_of
 from gse.station.results import Status
@@ -17,7 +18,6 @@ from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.counted_frames import CountedFrames
 from gse.truth import SiderealTruth, horizon_to_sensor
 from gse.values.attitude import Attitude
-from gse.values.finding import Finding
 from gse.values.matrices import product
 
 _LOW_DEG = 10.0

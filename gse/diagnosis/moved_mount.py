@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from gse.diagnosis.fine_hypotheses import MOST_SLIP_ARCSEC
 from gse.diagnosis.gross_causes import angle_text
 from gse.station.columns import ANSWER_CHECKS
+from gse.station.events import Finding
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import AnswerCheck, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
 from gse.values.axis import ON_SKY
-from gse.values.finding import Finding
 from gse.values.instant import LAST_NS, to_text
 from gse.values.matrices import length
 

@@ -12,7 +12,7 @@ from gse.diagnosis.late_frames import CRYSTAL_PPM
 from gse.diagnosis.misplaced_stars import FALLEN_OUT_SHARE
 from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import STATUSES
-from gse.station.events import ClockStep, StationKind
+from gse.station.events import ClockStep, Finding, StationKind
 from gse.station.exclusions import leapt_clock
 from gse.station.frame_columns import Columns
 from gse.station.results import Status
@@ -23,7 +23,6 @@ from gse.statistics.excuses import air_in_field, only_reference_answers
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.slopes import slope_within
 from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S, to_text
 from gse.values.text import count_text, percent
 

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from gse.station.events import StationKind
+from gse.station.events import Finding, StationKind
 from gse.station.frame_table import residuals_of, thinned, xy_px_of
 from gse.station.session_data import SessionData
 from gse.values.constants import ARCSEC_RAD
-from gse.values.finding import Finding
 from gse.values.screen import Screen
 
 _MOST_STARS = 20_000

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
+from gse.station.events import Finding
 from gse.station.frame_columns import Columns
 from gse.station.own_answers import OwnAnswerTruth, SensorAnswers, by_other_stars_arcsec, field_of, own_truth
 from gse.station.session_data import SessionData
@@ -19,7 +20,6 @@ from gse.statistics.star_terms import roll_of_a_fix
 from gse.values.attitude_convention import from_angles
 from gse.values.axis import ON_SKY
 from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
 
 # Definitions of a sensor's own answer, and its offset from the answer here by each of them.

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.station.columns import SKY_CONDITIONS
+from gse.station.events import Finding
 from gse.station.frame_columns import Columns
 from gse.station.housekeeping import firmware_text
 from gse.station.results import SkyCondition
 from gse.station.session_data import SessionData
 from gse.statistics.slopes import slope_within, theil_sen
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import straight_line
 from protocols import StatusMessage

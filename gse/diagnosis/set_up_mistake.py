@@ -31,7 +31,7 @@ from gse.diagnosis.moved_mount import SLIP, shown_frames
 from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_rad, taken_out
 from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
-from gse.station.events import StationKind
+from gse.station.events import Finding, StationKind
 from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.mount_alignment import persistent_arcsec2
 from gse.station.results import ERRORS, AnswerCheck, Status
@@ -46,7 +46,6 @@ from gse.truth import Alignment, fit_mount, horizon_to_sensor, mount_of, small_r
 from gse.values.attitude_convention import AttitudeConvention, read_angles, state_angles
 from gse.values.axis import AXES, OF_SENSOR
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
-from gse.values.finding import Finding
 from gse.values.instant import to_text
 from gse.values.matrices import length, product
 from gse.values.mount import Mount, MountUncertainty

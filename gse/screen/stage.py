@@ -20,7 +20,7 @@ import numpy as np
 from drivers.clock import read_clock
 from gse.config.station import Station
 from gse.simulator.scenario import Scenario, SceneStep
-from gse.simulator.shown_stars import added_objects, false_magnitudes, false_places, scene_catalog
+from gse.simulator.scene import added_objects, false_magnitudes, false_places, scene_catalog
 from gse.station.events import StationKind
 from gse.values.attitude_convention import from_angles
 from gse.values.instant import NS_PER_S

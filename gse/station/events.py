@@ -1,4 +1,4 @@
-"""Events of a session: their kinds, and the log that keeps the first of each kind and counts all."""
+"""Events of a session: their kinds, what some of them carry, and the log that keeps the first of each kind."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -6,7 +6,6 @@ from enum import StrEnum
 
 from drivers.chunk import LinkEvent
 from gse.recording.session_format import MOST_KINDS, OTHER
-from gse.values.finding import Finding
 from gse.values.instant import LAST_NS
 
 # Kinds of events of the station.
@@ -71,6 +70,31 @@ class ClockStep(LinkEvent):
 
     step_ns: int
     utc_kept: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One cause of what a session shows, for the operator.
+
+    The limits decide, not a finding; a mistake of the set-up may excuse what they say.
+
+    ``cause`` is the head word, the same for all sizes (docs/troubleshooting.md has an entry for each). ``size`` says it
+    in the unit that an operator turns, ``equals`` are causes that the session cannot tell apart from it, and
+    ``next_step`` is what to do, with a command. ``is_gross`` causes are mistakes of the set-up: degrees, not
+    arcseconds.
+    """
+
+    cause: str
+    size: str
+    equals: tuple[str, ...] = ()
+    next_step: str = ""
+    is_gross: bool = False
+
+    def __str__(self) -> str:
+        """One line."""
+        equals = f"; this session cannot tell it apart from: {', '.join(self.equals)}" if self.equals else ""
+        following = f"; next: {self.next_step}" if self.next_step else ""
+        return f"{self.cause}: {self.size}{equals}{following}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.events import Finding
 from gse.station.frame_columns import Columns
 from gse.station.own_answers import OwnAnswerTruth, own_truth, paired
 from gse.station.results import AnswerCheck, Status, Subject
@@ -33,7 +34,6 @@ from gse.values.attitude_convention import (
     to_quaternions,
 )
 from gse.values.axis import ON_SKY
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
 from gse.values.matrices import eigh, length, product
 

@@ -47,6 +47,7 @@ from gse.procedure.as_run import (
     stretch,
 )
 from gse.procedure.file import Watch
+from gse.station.events import Finding
 from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.housekeeping import parameter_differences
 from gse.station.results import Subject, Verdict
@@ -56,7 +57,6 @@ from gse.statistics.excuses import Evidence, excused
 from gse.statistics.session_statistics import Statistics, statistics
 from gse.statistics.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.values.axis import ON_SKY
-from gse.values.finding import Finding
 from gse.values.instant import LAST_NS, NS_PER_S, to_text
 from gse.verdict.obstacles import obstacles
 from gse.verdict.requirements import REQUIREMENTS, Case, SlewStep, item_requirements, requirement_of

@@ -11,12 +11,12 @@ import scipy.special
 from skies.known_nights import START_NS, STATION, session
 
 from gse.diagnosis.sensor_findings import _by_few_other_stars_arcsec, _explained, _scatter, _zeros, sensor_findings
+from gse.station.events import Finding
 from gse.station.own_answers import SensorAnswers, by_other_stars_arcsec, sensor_answers
 from gse.statistics.sensor_convention import ConventionFit, ConventionSearch
 from gse.statistics.star_terms import roll_of_a_fix
 from gse.truth import Alignment
 from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
-from gse.values.finding import Finding
 from gse.values.instant import NS_PER_S
 from gse.values.mount import InertialDirection, Mount
 from protocols import AttitudeMessage

@@ -10,12 +10,12 @@ from drivers.chunk import LinkEvent
 from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.set_up_mistake import camera_mistake, lost_station, mistake_of
 from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.events import Finding
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.decision import Outcome, Row, share_of
 from gse.statistics.excuses import Evidence, excused
-from gse.values.finding import Finding
 from gse.verdict.requirements import requirement_of
 
 

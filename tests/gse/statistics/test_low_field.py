@@ -11,13 +11,13 @@ from gse.config.choice import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.diagnosis.fine_findings import without_shaking
 from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.events import Finding
 from gse.station.own_answers import by_other_stars_arcsec
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.statistics.decision import Claim, Outcome, Row
 from gse.statistics.excuses import AIR, Evidence, air_in_field
 from gse.statistics.truth_budget import session_facts, truth_budget
 from gse.values.axis import D_DE
-from gse.values.finding import Finding
 from protocols import AttitudeMessage
 
 FAILED = Row(Subject.ONBOARD, "availability", 0.1, "", 0.95, Outcome.FAIL, "availability: 4 of 40 frames")
