@@ -326,15 +326,7 @@ def run_session(
                 station,
                 text,
                 asked.out,
-                Operator(
-                    ending,
-                    say_line,
-                    session.opened,
-                    session.terminal_news,
-                    notes,
-                    _taken(list(shown)) if stage is None else stage.take,
-                    (lambda: False) if stage is None else (lambda: stage.is_over),
-                ),
+                Operator(ending, say_line, session.opened, session.terminal_news, notes, *_before_sensor(stage, shown)),
                 make_listeners=listeners,
                 duration_s=duration_s,
                 wait_port=asked.wait_port,
@@ -507,14 +499,19 @@ def _list_unfinished(out: Path) -> None:
         say_line(f"and {len(found) - _MOST_LISTED} older ones")
 
 
-def _taken(news: list[Shown]) -> Callable[[], list[Shown]]:
-    """All of the news once, then none."""
+def _before_sensor(
+    stage: "Stage | None", shown: Sequence[Shown]
+) -> tuple[Callable[[], Sequence[Shown | tuple[str, str]]], Callable[[], bool]]:
+    """What a screen shows, or a simulation all at once, since the last call; and whether its scene is over."""
+    if stage is not None:
+        return stage.take, lambda: stage.is_over
+    left = list(shown)
 
     def take() -> list[Shown]:
-        taken, news[:] = list(news), []
+        taken, left[:] = list(left), []
         return taken
 
-    return take
+    return take, lambda: False
 
 
 # Procedures in a session: of a file (gse procedure), or of the one repeat that --starts is.

@@ -121,32 +121,43 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "incidents": [_incident(one) for one in stats.incidents],
         "session": _session(session),
     }
-    if assessment.slew:
-        report["slew"] = [_slew_step(subject, step) for subject, steps in assessment.slew.items() for step in steps]
-    if session.housekeeping.summaries:
-        report["housekeeping"] = list(_items(session))
-    if stats.rates:
-        report["rates"] = list(stats.rates)
-    if stated := stated_accuracy(session, stats):
-        report["stated_accuracy"] = [{**dataclasses.asdict(of_axis), "scatter": of_axis.word} for of_axis in stated]
-    if qualities := errors_by_quality(session, stats):
-        report["quality"] = list(qualities)
-    if stats.names is not None:
-        report["star_names"] = stats.names
-    if session.housekeeping.parameters:
-        report["parameters"] = {
-            "sha256": parameters_sha256(session.housekeeping),
-            "stated_sha256": session.station.test.parameters_sha256,
-            "values": parameters_of(session.housekeeping),
-            "differences": list(parameter_differences(session.housekeeping, session.station.test)),
-        }
-    external = external_identifier(session)
-    if external is not None:
-        report["external_identifier"] = external
-    if assessment.procedure is not None:
-        report["procedure"] = procedure_run(session, assessment.procedure)
+    report |= dict(_where_there_is(session, assessment))
     document: dict[str, Any] = plain(report)
     return document | {"conclusion": conclusion(document)}
+
+
+def _where_there_is(session: SessionData, assessment: Assessment) -> Iterator[tuple[str, Any]]:
+    """Objects of the report that only some sessions have."""
+    stats = assessment.statistics
+    if assessment.slew:
+        yield "slew", [_slew_step(subject, step) for subject, steps in assessment.slew.items() for step in steps]
+    if session.housekeeping.summaries:
+        yield "housekeeping", list(_items(session))
+    if stats.rates:
+        yield "rates", list(stats.rates)
+    if stated := stated_accuracy(session, stats):
+        yield "stated_accuracy", [{**dataclasses.asdict(of_axis), "scatter": of_axis.word} for of_axis in stated]
+    if qualities := errors_by_quality(session, stats):
+        yield "quality", list(qualities)
+    if stats.names is not None:
+        yield "star_names", stats.names
+    if session.housekeeping.parameters:
+        yield "parameters", _parameters(session)
+    if (external := external_identifier(session)) is not None:
+        yield "external_identifier", external
+    if assessment.procedure is not None:
+        yield "procedure", procedure_run(session, assessment.procedure)
+
+
+def _parameters(session: SessionData) -> dict[str, Any]:
+    """What the sensor read back of its parameters, and how it is not what was stated."""
+    housekeeping, test = session.housekeeping, session.station.test
+    return {
+        "sha256": parameters_sha256(housekeeping),
+        "stated_sha256": test.parameters_sha256,
+        "values": parameters_of(housekeeping),
+        "differences": list(parameter_differences(housekeeping, test)),
+    }
 
 
 def _slew_step(subject: Subject, step: SlewStep) -> dict[str, Any]:

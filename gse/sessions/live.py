@@ -64,7 +64,7 @@ from gse.values import instant
 from gse.values.power import PowerReading
 from gse.values.shown import Shown
 from gse.view.live_state import LiveState
-from protocols import EncodeError, load_protocol
+from protocols import EncodeError, Protocol, load_protocol
 
 # End of a live session by signals from a person, a terminal or the system.
 #
@@ -251,10 +251,7 @@ def run_live(
     check_external(station, protocol, operator.tell)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
     recorder, link = _opened(station, folder, wait_port, duration_s)
-    recorder.attach(STATION, "application/yaml", station_text.encode())
-    recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
-    if clock_error_s is not None:
-        recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
+    _attach(recorder, station_text, protocol, clock_error_s)
     live = LiveState(station)
     status = StatusFile(folder, live, operator.notes)
     with recorder, link:
@@ -274,25 +271,18 @@ def run_live(
         live.in_work_since_ns = lambda: loop.in_work_since_ns
         loop.listeners = make_listeners(loop, folder, live)
         if procedure is not None:
-            recorder.attach(PROCEDURE, "application/yaml", procedure.procedure.text.encode())
-            loop.listeners = (*loop.listeners, procedure.seen)
-            loop.take_frame = procedure.take_frame
-            procedure.begin(_Bench(loop, link, recorder, power, operator.ending))
-            derived_data.procedure = procedure
-            procedure.desk.look = derived_data.take_notes
+            derived_data.begin_procedure(procedure)
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
-        leave = operator.ending.leaves_the_rest
         with asking or nullcontext(), power or nullcontext():
-            wait_s = asking.wait_s if asking else lambda: RECEIVE_TIMEOUT_S
             try:
                 session = loop.run(
                     link,
                     first,
                     stop=derived_data.is_over,
-                    leave=leave,
+                    leave=operator.ending.leaves_the_rest,
                     each=derived_data.keep,
-                    wait_s=wait_s,
+                    wait_s=asking.wait_s if asking else lambda: RECEIVE_TIMEOUT_S,
                     most=most,
                     last=derived_data.finish_procedure,
                 )
@@ -336,6 +326,14 @@ def _opened(station: Station, folder: Path, wait_port: bool, duration_s: float |
     return recorder, link
 
 
+def _attach(recorder: Recorder, station_text: str, protocol: Protocol, clock_error_s: float | None) -> None:
+    """Record what was stated before the first byte: a replay reads it with the bytes."""
+    recorder.attach(STATION, "application/yaml", station_text.encode())
+    recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
+    if clock_error_s is not None:
+        recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
+
+
 def _closing_words(recorder: Recorder) -> str:
     waiting = recorder.waiting_bytes
     waits = f"; {waiting} bytes wait for the disk, up to {CLOSE_S:.0f} s: make room" if waiting > FEW_BYTES else ""
@@ -361,7 +359,7 @@ class _DerivedDataRecorder:
     ) -> None:
         self._loop, self._recorder, self._link, self._operator = loop, recorder, link, operator
         self._asking, self._power = asking, power
-        self.procedure: Run | None = None
+        self._procedure: Run | None = None
         self._ticked_ns = 0
         self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
         self._first_ns: int | None = None
@@ -373,8 +371,8 @@ class _DerivedDataRecorder:
 
     def is_over(self) -> bool:
         """Whether a signal asked for the end, or the duration is over; a procedure ends with its cleanup."""
-        if self.procedure is not None:
-            return self.procedure.is_over or self._operator.ending.leaves
+        if self._procedure is not None:
+            return self._procedure.is_over or self._operator.ending.leaves
         if self._operator.ending.asked() or self._operator.scene_is_over():
             return True
         if self._duration_ns is None or not self._link.is_live:  # a simulated port ends by itself
@@ -419,7 +417,7 @@ class _DerivedDataRecorder:
         """Ask for the parameters that the station file states, until they come; a procedure does that by its steps."""
         session, protocol, now_ns = self._loop.session, self._loop.setup.protocol, self._link.mono_ns()
         test, command = session.station.test, protocol.description.parameters
-        if command is None or not (test.parameters or test.parameters_sha256) or self.procedure is not None:
+        if command is None or not (test.parameters or test.parameters_sha256) or self._procedure is not None:
             return
         if not session.link.frames or now_ns < self._read_back_due_ns or parameters_of(session.housekeeping):
             return
@@ -431,26 +429,35 @@ class _DerivedDataRecorder:
     def take_notes(self) -> None:
         """Take what the page, ``gse note`` and ``gse sensor`` left."""
         for text in self._operator.notes.take():
-            if self.procedure is not None and text.startswith(ANSWER):
-                self.procedure.desk.put_note(text)
+            if self._procedure is not None and text.startswith(ANSWER):
+                self._procedure.desk.put_note(text)
             elif text.startswith(OF_SENSOR):
                 with contextlib.suppress(PortError):  # the port is gone: gse sensor gets no answer and asks again
                     self._link.send(bytes.fromhex(text.removeprefix(OF_SENSOR)))
             else:
                 self._event(*event_of(text))
 
+    def begin_procedure(self, procedure: Run) -> None:
+        """Record a procedure, let it see the results, and begin its steps."""
+        self._recorder.attach(PROCEDURE, "application/yaml", procedure.procedure.text.encode())
+        self._loop.listeners = (*self._loop.listeners, procedure.seen)
+        self._loop.take_frame = procedure.take_frame
+        procedure.begin(_Bench(self._loop, self._link, self._recorder, self._power, self._operator.ending))
+        self._procedure = procedure
+        procedure.desk.look = self.take_notes
+
     def _tick_procedure(self) -> None:
         """Go on with the procedure once all that came is processed; on a computer that is behind, now and then."""
         now_ns = self._link.mono_ns()
         behind = self._link.is_live and (self._loop.items_left or self._link.has_news)
-        if self.procedure is not None and (not behind or now_ns - self._ticked_ns > _BEHIND_NS):
+        if self._procedure is not None and (not behind or now_ns - self._ticked_ns > _BEHIND_NS):
             self._ticked_ns = now_ns
-            self.procedure.tick()
+            self._procedure.tick()
 
     def finish_procedure(self) -> None:
         """Do what is left of a procedure, at the end of the session or of the data."""
-        if self.procedure is not None:
-            self.procedure.finish(self._operator.ending.reason or "the end of the data")
+        if self._procedure is not None:
+            self._procedure.finish(self._operator.ending.reason or "the end of the data")
         self.take_power()
 
     def take_screen(self, utc_ns: int) -> None:
@@ -494,7 +501,7 @@ class _DerivedDataRecorder:
         self._keep_identity()
         if self._link.is_live:
             over = "the end of its scene" if self._operator.scene_is_over() else "--duration"
-            over = "the end of its procedure" if self.procedure is not None else over
+            over = "the end of its procedure" if self._procedure is not None else over
             self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or over}")
 
     def _read_clock(self) -> None:

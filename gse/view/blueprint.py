@@ -38,6 +38,29 @@ def layout(
     those of the items of housekeeping that are shown, a graph for each.
     """
     ranges = _time_ranges(window_s)
+    pictures = rrb.Vertical(
+        rrb.Tabs(_panorama_view(station), rrb.TextDocumentView(origin="/metrics", name="Metrics")),
+        rrb.Horizontal(_scatter_view(station, ranges), _sky_view(ranges, boresight_icrs)),
+        row_shares=[3, 2],
+    )
+    words = rrb.Vertical(
+        rrb.TextDocumentView(origin="/verdict", name="Verdict"),
+        rrb.TextDocumentView(origin="/log", name="Log (UTC)"),
+        row_shares=[3, 2],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(_graphs(station, window_s, item_units, own=own), pictures, words, column_shares=[5.4, 3.2, 2.2]),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TopPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _graphs(station: Station, window_s: float | None, item_units: Sequence[str], *, own: bool) -> rrb.Vertical:
+    """The errors, all other numbers, and the states, over time."""
     axis = rrb.TimeAxis(view_range=_time_range(window_s))
     whole = rrb.TimeAxis(view_range=_time_range(None))
     limits = station.limits
@@ -49,7 +72,7 @@ def layout(
         row_shares=[3, 1.5, 3, 1.5],
         name="RA, DE",
     )
-    graphs = rrb.Vertical(
+    return rrb.Vertical(
         rrb.Tabs(
             errors,
             _graph("/cross", "Across x, y (arcsec)", axis),
@@ -68,25 +91,6 @@ def layout(
         ),
         rrb.StateTimelineView(origin="/state", name="Link, sky, verdict", time_view=axis),
         row_shares=[7.5, 2.2, 2.8],
-    )
-    pictures = rrb.Vertical(
-        rrb.Tabs(_panorama_view(station), rrb.TextDocumentView(origin="/metrics", name="Metrics")),
-        rrb.Horizontal(_scatter_view(station, ranges), _sky_view(ranges, boresight_icrs)),
-        row_shares=[3, 2],
-    )
-    words = rrb.Vertical(
-        rrb.TextDocumentView(origin="/verdict", name="Verdict"),
-        rrb.TextDocumentView(origin="/log", name="Log (UTC)"),
-        row_shares=[3, 2],
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(graphs, pictures, words, column_shares=[5.4, 3.2, 2.2]),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.TopPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
-        auto_views=False,
-        auto_layout=False,
     )
 
 
