@@ -15,6 +15,7 @@ from gse.cli.options import NewFolder
 from gse.cli.progress import ProgressBar
 from gse.config.choice import station_of
 from gse.errors import UsageError
+from gse.process.release_memory import spare_pandas
 from gse.values.text import count_text
 
 if TYPE_CHECKING:
@@ -159,7 +160,6 @@ def report_command(
     from gse.campaign.dataset import OWN_STATION, DataSet, station_sha256
     from gse.campaign.document import campaign_document
     from gse.campaign.page import write_campaign_report
-    from gse.process.release_memory import spare_pandas
     from gse.report.printing import find_browser, print_to_pdf
 
     spare_pandas()

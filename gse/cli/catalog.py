@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Iterator
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+from typing import Any, TextIO, TypeVar
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog import load_catalog
+from gse.catalog import StarCatalog, load_catalog
 from gse.catalog.flight import write_list, write_table
 from gse.catalog.mission import MAP_DEG, coverage, thinned
 from gse.catalog.readers import credit_of
@@ -25,9 +25,6 @@ from gse.errors import UsageError
 from gse.identifier import make_identifier
 from gse.process.terminal import working
 from gse.values.camera import Camera
-
-if TYPE_CHECKING:
-    from gse.catalog import StarCatalog
 
 Facts = dict[str, Any]
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
@@ -107,7 +104,7 @@ def export(
         _write(table_path, lambda out: write_table(stars, neighbours, out))
 
 
-def _mission_stars(station: Station, epoch_jyear: float | None) -> tuple["StarCatalog", Camera]:
+def _mission_stars(station: Station, epoch_jyear: float | None) -> tuple[StarCatalog, Camera]:
     source, camera = load_catalog(station.catalog), station.sensor.camera()
     if epoch_jyear is not None:
         source = source.at_epoch(epoch_jyear)
@@ -121,7 +118,7 @@ def _write(path: Path, write: Callable[[TextIO], None]) -> None:
 
 
 def _coverage(
-    stars: "StarCatalog", station: Station, fewer_than: int | None, magnitude: float | None
+    stars: StarCatalog, station: Station, fewer_than: int | None, magnitude: float | None
 ) -> tuple[Facts, NDArray[np.float64]]:
     """The facts, and the map of shares."""
     camera, number = station.sensor.camera(), fewer_than or station.identifier.min_fit
@@ -160,7 +157,7 @@ def _mark(share: float) -> str:
     return "." if share == 0 else "#" if share == 1 else str(min(max(round(10 * share), 1), 9))
 
 
-def _sections(station: Station) -> tuple[dict[str, Facts | None], "StarCatalog"]:
+def _sections(station: Station) -> tuple[dict[str, Facts | None], StarCatalog]:
     """The facts of a station's catalogues, and the stars that its identifier uses."""
     source, load_s = _timed(lambda: load_catalog(station.catalog))
     credit = credit_of(source.designation)
@@ -183,7 +180,7 @@ def _sections(station: Station) -> tuple[dict[str, Facts | None], "StarCatalog"]
     return sections, stars
 
 
-def _mission(station: Station, source: "StarCatalog") -> tuple[dict[str, Facts | None], "StarCatalog"]:
+def _mission(station: Station, source: StarCatalog) -> tuple[dict[str, Facts | None], StarCatalog]:
     camera = station.sensor.camera()
     identifier, ready_s = _timed(lambda: make_identifier(station.identifier, camera, source))
     stars = identifier.catalog
@@ -199,7 +196,7 @@ def _mission(station: Station, source: "StarCatalog") -> tuple[dict[str, Facts |
     return {"mission_catalog": mission, "pair_table": pairs}, stars
 
 
-def _pairs(camera: Camera, stars: "StarCatalog") -> Facts:
+def _pairs(camera: Camera, stars: StarCatalog) -> Facts:
     from gse.identifier.tables import build_pair_table, cache_path, field_diameter_rad
 
     widest_rad = field_diameter_rad(camera)

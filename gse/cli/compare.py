@@ -13,18 +13,16 @@ import click
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.files import damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, newest_sessions, say, start_utc_option
-from gse.config.choice import change_to
+from gse.config.choice import StationText, change_to
 from gse.errors import UsageError
 from gse.sessions.expected_attitudes import ExpectedAttitudes
+from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import statistics
 from gse.verdict.compared_axis import ComparedRow
 from gse.verdict.session_comparison import SessionComparison, session_comparison
 
 if TYPE_CHECKING:
-    from gse.config.choice import StationText
-    from gse.sessions.expected_attitudes import ExpectedAttitudes
     from gse.station.loop import StationLoop
-    from gse.station.session_data import SessionData
 
 _OPEN = "nothing can be compared: no answer counts in one of the sessions"
 
@@ -201,7 +199,7 @@ def _of(options: tuple[Any, ...], place: int) -> Any:
 
 def _session(
     path: Path, identifier: str | None, station_path: Path | None, start_utc: str | None, *, anew: bool
-) -> "SessionData":
+) -> SessionData:
     from gse.cli.progress import session_with_progress
     from gse.sessions.replay import ReplayOptions
 
@@ -212,13 +210,13 @@ def _session(
     return session
 
 
-def _damage_code(paths: Sequence[Path], sessions: Sequence["SessionData"]) -> int:
+def _damage_code(paths: Sequence[Path], sessions: Sequence[SessionData]) -> int:
     """The exit code of sessions of which a part is missing, each printed once, or 0."""
     damaged = {path: session.truncated for path, session in zip(paths, sessions, strict=True)}
     return max(damage_code(path, damaged=truncated) for path, truncated in damaged.items())
 
 
-def _programs(sessions: Sequence["SessionData"]) -> dict[str, Any]:
+def _programs(sessions: Sequence[SessionData]) -> dict[str, Any]:
     """The external identifiers of the two sides, with their failures; nothing where there is none."""
     from gse.report.summary import external_identifier, plain
 
@@ -261,7 +259,7 @@ def _row_report(row: ComparedRow) -> dict[str, Any]:
 
 
 def _document_of_many(
-    paths: Sequence[Path], sessions: Sequence["SessionData"], comparisons: Sequence[SessionComparison]
+    paths: Sequence[Path], sessions: Sequence[SessionData], comparisons: Sequence[SessionComparison]
 ) -> dict[str, Any]:
     """The JSON of schema gse.compare-many/1: a row for each subject of each session, and each session against A."""
     from gse.report.summary import plain, table_4_1

@@ -21,7 +21,8 @@ from gse.config.choice import station_of
 from gse.config.draft import Draft, draft_text
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError
-from gse.inspection.plausibility import CheckOutcome
+from gse.inspection.plausibility import CheckOutcome, plausibility
+from gse.station.setup import addressed, check_external
 from protocols import built_in_names, load_protocol
 
 # The questions of ``gse config init``.
@@ -157,9 +158,7 @@ def check(path: Path, begins_ns: int | None) -> None:
     What cannot be is an error too, such as a boresight below the horizon; what is doubtful is said. It shows the field
     of view, when it is dark tonight, how many stars the field will hold, and how long a session must be.
     """
-    from gse.inspection.plausibility import plausibility
     from gse.station.polling import check_asking
-    from gse.station.setup import addressed, check_external
 
     station, _ = station_of(path)
     protocol = addressed(load_protocol(station.protocol), station)

@@ -13,12 +13,12 @@ from gse.cli.options import say, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.process.terminal import working
+from gse.values.attitude_convention import AttitudeConvention
 from gse.values.instant import NS_PER_S
 
 if TYPE_CHECKING:
     from gse.station.session_data import SessionData
     from gse.statistics.sensor_convention import ConventionSearch
-    from gse.values.attitude_convention import AttitudeConvention
 
 
 @click.command("conventions")
@@ -94,7 +94,7 @@ def _session(path: Path, station_path: Path | None, start_utc: str | None, secon
     return replay_session(path, options=options, station=station, stop=stop, each=each, tell=say).session
 
 
-def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[str, Any]:
+def _document(search: "ConventionSearch", stated: AttitudeConvention) -> dict[str, Any]:
     from gse.statistics.sensor_convention import is_wrong, with_aberration
 
     named = with_aberration(search)
@@ -116,7 +116,7 @@ def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[
     }
 
 
-def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str]:
+def _lines(search: "ConventionSearch", stated: AttitudeConvention) -> list[str]:
     """The result for a person."""
     from gse.statistics.sensor_convention import in_words, is_wrong, to_state, with_aberration
 
@@ -143,7 +143,7 @@ def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str
     return lines
 
 
-def _of_rotation(turned: "AttitudeConvention | None") -> list[str]:
+def _of_rotation(turned: AttitudeConvention | None) -> list[str]:
     """The rotation that makes the answers fit, and what to state."""
     from gse.statistics.sensor_convention import rotation_as_yaml
 

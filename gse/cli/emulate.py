@@ -17,6 +17,7 @@ from gse.config.station import Port
 from gse.errors import UsageError
 from gse.process import terminal
 from gse.values.instant import NS_PER_S, to_text
+from protocols import load_protocol
 
 if TYPE_CHECKING:
     from gse.simulator.emulator import Endpoint
@@ -147,7 +148,6 @@ def _simulate(
     from gse.simulator.device import detector_of, firmware_of, scenario_of
     from gse.simulator.emulator import Emulator
     from gse.simulator.outlook import outlook
-    from protocols import load_protocol
 
     options = simulation.options(seed)
     station, _ = station_of(station_path)

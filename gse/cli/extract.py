@@ -1,6 +1,7 @@
 """``gse extract``: a panorama table from an image, by the method of the sensor."""
 
 import json
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,8 +98,6 @@ def command(
 
 def _annotated(picture: "Picture", objects: "Objects", station_path: Path | None) -> bytes:
     """The picture as PNG with a ring about each object, green about a star and with its name, if it has one."""
-    from io import BytesIO
-
     import numpy as np
     from PIL import Image, ImageDraw
 

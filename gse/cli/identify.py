@@ -9,6 +9,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.catalog import load_catalog
 from gse.cli.options import identifier_option, say, station_option
 from gse.config.choice import station_of, with_identifier
 from gse.config.station import Station, parse_station
@@ -120,7 +121,6 @@ def found_station(seen: SeenObjects) -> str | None:
 
     Its site is none.
     """
-    from gse.catalog import load_catalog
     from gse.identifier.camera_search import find_unknown_camera
 
     assert seen.size is not None

@@ -8,7 +8,7 @@ import click
 from drivers.clock import read_clock
 from gse.cli.status import newest_session
 from gse.errors import UsageError
-from gse.sessions.status_file import leave_note
+from gse.sessions.status_file import is_running, leave_note
 from gse.station.notes import OF_MOUNT, note_text
 
 _TAKEN_WITHIN_S = 5.0
@@ -28,8 +28,6 @@ def command(*, text: str, path: Path, mount: bool) -> None:
 
     FOLDER is the session's, or the --out that it was started with.
     """
-    from gse.sessions.status_file import is_running
-
     try:
         line = note_text(f"{OF_MOUNT} {text}" if mount else text)
     except ValueError as error:

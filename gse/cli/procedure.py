@@ -13,6 +13,8 @@ from gse.cli.run import Asked, run_session, say_line, simulated_for
 from gse.config.choice import station_of
 from gse.config.station import Station
 from gse.errors import ConfigError, UsageError
+from gse.procedure.desk import Desk, read_answers, terminal_of_operator
+from gse.procedure.engine import Run
 from gse.procedure.file import Procedure, check, duration_s, read_procedure, runs_of
 from gse.station.setup import addressed
 from gse.values.shown import Shown
@@ -57,9 +59,6 @@ def run(
 
     The operator answers here, or on the page of --view web. The exit code is the verdict's.
     """
-    from gse.procedure.desk import Desk, read_answers, terminal_of_operator
-    from gse.procedure.engine import Run
-
     procedure, station, text, _ = _checked(path, station_path)
     if first not in [step.number for step in procedure.steps]:
         raise UsageError(f"--from {first}: expected a step from 1 to {len(procedure.steps)}")

@@ -13,6 +13,7 @@ from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
 from gse.cli.options import say
 from gse.config.choice import StationText
+from gse.process.release_memory import spare_pandas
 from gse.sessions.replay import Replay, ReplayOptions, replay_session
 from gse.sessions.status_file import is_being_recorded
 from gse.station.frame_results import FrameResults
@@ -30,7 +31,6 @@ class ProgressBar:
     """The progress of ``what``, with ``total`` parts; a part may have ended with an error."""
 
     def __init__(self, what: str, total: int) -> None:
-        from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         self._what, self._errors = what, 0
@@ -107,7 +107,6 @@ def judged_with_progress(
 
     With options the session is another one: then results are neither used nor kept.
     """
-    from gse.process.release_memory import spare_pandas
     from gse.sessions.kept_results import Judged, judged_session
     from gse.verdict.assessment import judge
 
@@ -128,7 +127,6 @@ def session_with_progress(
     path: Path, *, options: ReplayOptions, station: Callable[[StationText], StationText], anew: bool
 ) -> SessionData:
     """The session of ``judged_with_progress`` without its assessment, which kept results do not hold."""
-    from gse.process.release_memory import spare_pandas
     from gse.sessions.kept_results import session_alone
 
     spare_pandas()

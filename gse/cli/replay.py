@@ -1,7 +1,6 @@
 """``gse replay``: a test from a session or a raw capture."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -31,20 +30,13 @@ from gse.cli.options import (
 )
 from gse.cli.progress import ReplayedShare
 from gse.config.choice import change_to
-from gse.sessions.replay import ReplayOptions, replay_session
+from gse.sessions.replay import Replay, ReplayOptions, replay_session
 from gse.station.exclusions import Exclusion
-
-if TYPE_CHECKING:
-    from gse.sessions.replay import Replay, ReplayOptions
-
-
-def _replay_options(**values: Any) -> "ReplayOptions":
-    return ReplayOptions(**values)
-
+from gse.view.live_state import LiveState
 
 _replayed = gathered(
     "options",
-    _replay_options,
+    ReplayOptions,
     click.option("--speed", default="max", show_default=True, help="Speed of the replay: max, 1, or a factor like 20."),
     click.option("--from", "from_utc", help="Replay from this UTC on, e.g. 2026-03-20T18:30:00Z."),
     click.option("--to", "to_utc", help="Replay before this UTC."),
@@ -77,7 +69,7 @@ def command(
     station_path: Path | None,
     identifier: str | None,
     address: int | None,
-    options: "ReplayOptions",
+    options: ReplayOptions,
     live: LiveOptions,
     clock_error_s: float | None,
     excluded: tuple[Exclusion, ...],
@@ -90,8 +82,6 @@ def command(
     The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
     report is written to a new folder in --out.
     """
-    from gse.view.live_state import LiveState
-
     progress = ReplayedShare(path).text
     paced = options.speed != "max"
     with LiveOutputs(live, diagnose=paced, progress=progress, quiet=not (paced or printed.verbose)) as live_outputs:
@@ -112,7 +102,7 @@ def command(
     ctx.exit(say_exit_code(applied(report, folder, data_lost=DAMAGED if replay.session.truncated else "")))
 
 
-def _new_folder(out: Path, replay: "Replay", start_ns: int) -> Path:
+def _new_folder(out: Path, replay: Replay, start_ns: int) -> Path:
     """A new folder with the UTC of the first frame, or of the beginning where none came."""
     from gse.sessions.live import new_session_folder
 

@@ -32,7 +32,7 @@ from gse.cli.options import (
     plots_option,
     start_utc_option,
 )
-from gse.config.choice import change_to
+from gse.config.choice import StationText, change_to
 from gse.errors import UsageError
 from gse.process.terminal import working
 from gse.station.exclusions import Exclusion
@@ -40,7 +40,6 @@ from gse.station.results import Verdict
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
-    from gse.config.choice import StationText
     from gse.sessions.kept_results import Judged
 
 

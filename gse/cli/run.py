@@ -45,13 +45,16 @@ from gse.cli.screen import scene_option, served, stage_of
 from gse.config.choice import station_of, with_identifier, with_values
 from gse.config.station import Sensor, Station
 from gse.errors import GseError, UsageError
+from gse.procedure.desk import Desk
+from gse.procedure.engine import Run
 from gse.procedure.file import Procedure, check, duration_s, exposure_range_s, parse_procedure
 from gse.process import terminal
 from gse.sessions import night
-from gse.sessions.live import REST_S, Ending
+from gse.sessions.live import REST_S, Ending, LiveSession, Operator, run_live
 from gse.sessions.night import run_every_night
-from gse.sessions.status_file import is_unfinished, session_folders
+from gse.sessions.status_file import StatusFile, is_unfinished, session_folders
 from gse.station.events import StationKind
+from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.polling import check_asking
 from gse.station.setup import addressed
@@ -59,16 +62,12 @@ from gse.truth.iers_tables import GivenTables
 from gse.values import instant
 from gse.values.instant import NS_PER_S
 from gse.values.shown import Shown
+from gse.view.live_state import LiveState
 from protocols import load_protocol
 from protocols.errors import ProtocolError
 
 if TYPE_CHECKING:
-    from gse.procedure.engine import Run
     from gse.screen.stage import Stage
-    from gse.sessions.live import LiveSession
-    from gse.sessions.status_file import StatusFile
-    from gse.station.loop import Listener, StationLoop
-    from gse.view.live_state import LiveState
 
 
 # Detached start: the session runs in a process without a terminal.
@@ -295,7 +294,7 @@ def run_session(
     *,
     shown: Sequence[Shown] = (),
     stage: "Stage | None" = None,
-    procedure: "Run | None" = None,
+    procedure: Run | None = None,
 ) -> int:
     """Run, judge and report one session; returns the exit code of its verdict.
 
@@ -305,7 +304,7 @@ def run_session(
     session, notes = OneSession(asked.detachment), Notes()
     outputs, alarmed = LiveOutputs(asked.live, notes=notes), contextlib.ExitStack()
 
-    def listeners(loop: "StationLoop", folder: Path, live: "LiveState") -> "Sequence[Listener]":
+    def listeners(loop: StationLoop, folder: Path, live: LiveState) -> Sequence[Listener]:
         def show(words: str) -> None:
             live.question = words
             outputs.ask(words)
@@ -318,8 +317,7 @@ def run_session(
             alarmed.enter_context(Alarmed(station.alarms, live, folder, notes, tell=say_line))
         return outputs.listeners(loop, folder, live)
 
-    def receive() -> "LiveSession":
-        from gse.sessions.live import Operator, run_live
+    def receive() -> LiveSession:
 
         with alarmed:
             received = run_live(
@@ -359,7 +357,7 @@ class OneSession:
         self.folder: Path | None = None
         self._status: StatusFile | None = None
 
-    def opened(self, folder: Path, status: "StatusFile") -> None:
+    def opened(self, folder: Path, status: StatusFile) -> None:
         """Print the path of the recording, and how to end the session."""
         self.folder, self._status = folder, status
         if self._detachment is not None:
@@ -374,7 +372,7 @@ class OneSession:
         return terminal.news()
 
     def run(
-        self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None, *, plots: bool
+        self, receive: Callable[[], LiveSession], ending: Ending, clock_error_s: float | None, *, plots: bool
     ) -> tuple[dict[str, Any] | None, list[Applied]]:
         """Receive and judge; returns the report, None without one, and the exit codes that apply."""
         found: list[Applied] = []
@@ -401,9 +399,7 @@ class OneSession:
             code = unexpected(error)
             return None, [*found, (code, f"no verdict; make the report with: gse report {self.folder}")]
 
-    def _judged(
-        self, live: "LiveSession", ending: Ending, clock_error_s: float | None, *, plots: bool
-    ) -> dict[str, Any]:
+    def _judged(self, live: LiveSession, ending: Ending, clock_error_s: float | None, *, plots: bool) -> dict[str, Any]:
         """The written report of the session."""
         if self._status is not None:
             self._status.enter("reporting")
@@ -594,8 +590,6 @@ def run_starts(station: Station, text: str, times: int, off_s: float, asked: Ask
 
 def _run_made(station: Station, text: str, procedure: Procedure, asked: Asked) -> int:
     """Run a procedure that no file holds."""
-    from gse.procedure.desk import Desk
-    from gse.procedure.engine import Run
 
     protocol = addressed(load_protocol(station.protocol), station)
     if problems := check(procedure, station, protocol):

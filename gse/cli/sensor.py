@@ -14,12 +14,11 @@ from gse.cli import EXIT_DATA_LOST
 from gse.cli.options import out_option, station_option
 from gse.config.choice import station_of
 from gse.errors import GseError, UsageError
-from protocols import Ack, AttitudeMessage, Command, ProtocolError, StatusMessage
+from protocols import Ack, AttitudeMessage, Command, CommandLayout, ProtocolError, StatusMessage, load_protocol
 from protocols.protocol import name_of
 
 if TYPE_CHECKING:
     from gse.sessions.commanding import Commanded
-    from protocols import CommandLayout
 
 _GIVEN = "gse.sensor.given"
 
@@ -78,7 +77,6 @@ class _Send(click.Command):
 
 def _commands(given: Sequence[str]) -> "Mapping[str, CommandLayout]":
     """The commands of the station file among the words of a command line; those of the built-in one without."""
-    from protocols import load_protocol
 
     flags = ("--station", "-s")
     after = [word for flag, word in pairwise(given) if flag in flags]
@@ -89,7 +87,7 @@ def _commands(given: Sequence[str]) -> "Mapping[str, CommandLayout]":
         return {}
 
 
-def _in_words(layout: "CommandLayout") -> str:
+def _in_words(layout: CommandLayout) -> str:
     arguments = ", ".join(argument.text for argument in layout.arguments)
     proof = f"proved by {layout.expected} within {layout.timeout_s:g} s"
     parts = [arguments, layout.note, proof if layout.answer != "none" else "sent once, nothing proves it"]

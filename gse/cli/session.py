@@ -15,6 +15,7 @@ from drivers.session_file.records import RX
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.files import damage_code
 from gse.cli.options import station_option
+from gse.config.choice import station_of
 from gse.errors import UsageError
 from gse.values import instant
 
@@ -141,7 +142,6 @@ def import_(
     capture. A table is CSV with a UTC on each line: of panoramas (utc, y, x, index), or of attitudes as a spacecraft
     sends them (utc, valid, and q1 to q4 or ra_deg, de_deg, roll_deg).
     """
-    from gse.config.choice import station_of
     from gse.sessions.imported import import_capture
     from gse.statistics.clock_health import stated_error_s
 

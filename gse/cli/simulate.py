@@ -10,6 +10,7 @@ from gse.cli import EXIT_DATA_LOST, folded
 from gse.cli.options import out_option, station_option
 from gse.config.choice import station_of
 from gse.config.station import parse_station
+from protocols import load_protocol
 
 
 @click.command("simulate")
@@ -65,7 +66,6 @@ def command(
     from gse.simulator.scenario import load_scenario, scenario_names
     from gse.station.polling import check_asking
     from gse.truth import EarthOrientation
-    from protocols import load_protocol
 
     if as_list:
         for name in scenario_names():

@@ -13,7 +13,7 @@ from gse.cli.options import bind_option, clock_error_option, http_port_option, s
 from gse.errors import UsageError
 from gse.process import terminal
 from gse.view.glance_word import level_of
-from gse.view.viewer import open_native_viewer
+from gse.view.viewer import check_rerun, open_native_viewer
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".bmp", ".webp")
 """Only the first can be written, and whoever draws it says so of the others."""
@@ -46,8 +46,6 @@ def command(
     clock_error_s: float | None,
 ) -> None:
     """Show SESSION, or the newest one below ./sessions, in rerun: in a window, on a web page, or in a file."""
-    from gse.view.viewer import check_rerun
-
     if out is not None and view is not None:
         raise UsageError("--view shows the session, --out writes a file; give one of them")
     check_rerun()
