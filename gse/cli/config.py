@@ -59,6 +59,7 @@ _OPTIONS: tuple[tuple[str, "click.ParamType[Any]", str], ...] = (
     ("baudrate", click.IntRange(50, 8_000_000), "Baud rate."),
     ("protocol", _ProtocolName(), "Name of a built-in protocol, or the path of a YAML description."),
 )
+_OF_THE_MOUNT = ("azimuth_deg", "altitude_deg", "roll_deg")
 
 
 def draft_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -73,7 +74,7 @@ def asked(given: dict[str, Any]) -> Draft:
     click.echo("Enter takes the value in brackets; each value can be changed in the file later.", err=True)
     values = {name: value for name, value in given.items() if value is not None}
     for name, kind, text in _OPTIONS:
-        if name not in values and not _is_of_the_mount(name):
+        if name not in values and name not in _OF_THE_MOUNT:
             values[name] = click.prompt(_question(text), default=_default(name), type=kind, err=True)
     if "azimuth_deg" not in values and not _mount_is_known():
         return Draft(**{**values, "azimuth_deg": None})
@@ -90,10 +91,6 @@ def unasked(given: dict[str, Any]) -> Draft:
 
 def _mount_is_known() -> bool:
     return click.confirm("Is the direction of the mount known? (if not, the first minute of stars tells)", err=True)
-
-
-def _is_of_the_mount(name: str) -> bool:
-    return name in {"azimuth_deg", "altitude_deg", "roll_deg"}
 
 
 def _question(text: str) -> str:
@@ -192,7 +189,6 @@ def check(path: Path, begins_ns: int | None) -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def show(path: Path | None, as_json: bool) -> None:
     """Show every value of the station file PATH, defaults included. Without PATH: of the built-in station."""
-
     station = read_station(path)[0] if path else parse_station(BUILT_IN_TEXT)
     values = station.model_dump(mode="json")
     values["site"] |= {

@@ -318,7 +318,6 @@ def run_session(
         return outputs.listeners(loop, folder, live)
 
     def receive() -> LiveSession:
-
         with alarmed:
             received = run_live(
                 station,
@@ -590,7 +589,6 @@ def run_starts(station: Station, text: str, times: int, off_s: float, asked: Ask
 
 def _run_made(station: Station, text: str, procedure: Procedure, asked: Asked) -> int:
     """Run a procedure that no file holds."""
-
     protocol = addressed(load_protocol(station.protocol), station)
     if problems := check(procedure, station, protocol):
         raise UsageError(problems[0])

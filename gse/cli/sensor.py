@@ -77,7 +77,6 @@ class _Send(click.Command):
 
 def _commands(given: Sequence[str]) -> "Mapping[str, CommandLayout]":
     """The commands of the station file among the words of a command line; those of the built-in one without."""
-
     flags = ("--station", "-s")
     after = [word for flag, word in pairwise(given) if flag in flags]
     after += [word.partition("=")[2] for word in given if word.startswith("--station=")]

@@ -14,7 +14,7 @@ from gse.diagnosis.set_up_mistake import mount_fit
 from gse.procedure.as_run import StepRun, spread_of, station_of
 from gse.report.conclusion import conclusion
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
-from gse.station.housekeeping import parameter_differences, parameters_of, parameters_sha256
+from gse.station.housekeeping import firmware_text, parameter_differences, parameters_of, parameters_sha256
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.statistics.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK, Claim, Outcome, Row
@@ -30,7 +30,7 @@ from gse.values.axis import OF_SENSOR, ON_SKY
 from gse.values.limits import Decision
 from gse.verdict.assessment import Assessment, ProcedureRun, is_left_out
 from gse.verdict.requirements import SlewStep
-from protocols import COLOURS, StatusMessage
+from protocols import COLOURS
 
 # The ``test:`` block of a station file as the report gives it, with what the sensor says of itself.
 
@@ -50,8 +50,10 @@ def documented_test(session: SessionData, rows: Iterable[Row]) -> dict[str, Any]
     unknown = [{"row": row, **of_row} for row, of_row in requirements.items() if row not in names]
     messages = [message for _, message in session.statuses]
     sensor = {
-        "serial": _said(_serials(messages), given.pop("sensor_serial")),
-        "firmware": _said(_firmwares(messages), given.pop("sensor_firmware")),
+        "serial": _said([str(message.serial) for message in messages if message.serial], given.pop("sensor_serial")),
+        "firmware": _said(
+            [firmware_text(message) for message in messages if any(message.firmware)], given.pop("sensor_firmware")
+        ),
     }
     return {**given, "sensor": sensor, "requirements_of_no_row": unknown}
 
@@ -60,14 +62,6 @@ def requirement_of(session: SessionData, row: Row) -> dict[str, Any] | None:
     """The requirement that a row verifies."""
     found = session.station.test.requirements.get(row.name)
     return found.model_dump(mode="json") if found else None
-
-
-def _serials(messages: list[StatusMessage]) -> list[str]:
-    return [str(message.serial) for message in messages if message.serial]
-
-
-def _firmwares(messages: list[StatusMessage]) -> list[str]:
-    return [".".join(str(part) for part in message.firmware) for message in messages if any(message.firmware)]
 
 
 def _said(sent: list[str], stated: str | None) -> dict[str, Any]:

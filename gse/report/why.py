@@ -182,11 +182,7 @@ def blurred_report(report: dict[str, Any]) -> dict[str, Any]:
 
 def blurred_event(event: LinkEvent) -> LinkEvent:
     """The hour of a dawn or dusk: its instant is a line on the Earth."""
-    return replace(event, utc_ns=_hour_ns(event.utc_ns)) if event.kind in _OF_THE_SUN else event
-
-
-def _hour_ns(utc_ns: int) -> int:
-    return utc_ns - utc_ns % _HOUR_NS
+    return replace(event, utc_ns=event.utc_ns // _HOUR_NS * _HOUR_NS) if event.kind in _OF_THE_SUN else event
 
 
 def blurred_text(text: str) -> str:

@@ -414,7 +414,8 @@ def _looks(screen: Screen) -> NDArray[np.float64]:
     """How the sensor's head is turned before a screen."""
     looks = screen.to_sensor
     # To look further right is a turn about down, further down one against right.
-    tilt = product(_about(0, math.degrees(math.atan(_tan(looks.y_deg) * _cos(looks.x_deg)))), _about(1, -looks.x_deg))
+    x, y = math.radians(looks.x_deg), math.radians(looks.y_deg)
+    tilt = product(_about(0, math.degrees(math.atan(math.tan(y) * math.cos(x)))), _about(1, -looks.x_deg))
     return np.asarray(product(_about(2, looks.roll_deg), tilt))
 
 
@@ -448,14 +449,6 @@ def _looking_at(ra_deg: float, de_deg: float, roll_deg: float) -> NDArray[np.flo
         _about(2, roll_deg), _about(0, -de_deg), upright_equinox, _about(2, -ra_deg)
     )
     return rotation
-
-
-def _tan(angle_deg: float) -> float:
-    return math.tan(math.radians(angle_deg))
-
-
-def _cos(angle_deg: float) -> float:
-    return math.cos(math.radians(angle_deg))
 
 
 def scene_of(

@@ -80,7 +80,7 @@ def _graphs(station: Station, window_s: float | None, item_units: Sequence[str],
         ),
         rrb.Tabs(
             _graph("/stars", "Sky (stars, mag)", axis),
-            _graph("/identification_ms", _time_title(station), axis, "/sensor/latency_ms"),
+            _graph("/identification_ms", f"Time (ms), limit {limits.identification_ms:g}", axis, "/sensor/latency_ms"),
             _graph("/clock", "Clock (ms)", axis),
             _graph("/temperature_c", "Detector (degC)", axis),
             *(_graph(f"/{path}", _title(path), axis) for path in GRAPHS if path not in _PLACED),
@@ -151,10 +151,6 @@ def _title(path: str) -> str:
     end = next((end for end in UNITS if path.endswith(f"_{end}")), "")
     words = path.removesuffix(f"_{end}").replace("_", " ").capitalize()
     return f"{words} ({unit_of(path)})" if end else words
-
-
-def _time_title(station: Station) -> str:
-    return f"Time (ms), limit {station.limits.identification_ms:g}"
 
 
 def _panorama_view(station: Station) -> rrb.Spatial2DView:
