@@ -114,7 +114,7 @@ def flip(data: bytes, at: int, mask: int) -> bytes:
 
 @every
 @given(data=st.data())
-@settings(max_examples=150)
+@settings(max_examples=50)
 def test_every_byte_is_in_exactly_one_frame_or_discard_in_order(protocol: Protocol, data: st.DataObject) -> None:
     stream = data.draw(stream_of(protocol))
     at = 0
@@ -132,7 +132,7 @@ def test_every_byte_is_in_exactly_one_frame_or_discard_in_order(protocol: Protoc
 
 @every
 @given(data=st.data(), cuts=st.lists(st.integers(0, 20_000), max_size=30))
-@settings(max_examples=200)
+@settings(max_examples=70)
 def test_cuts_change_neither_frames_nor_discards(protocol: Protocol, data: st.DataObject, cuts: list[int]) -> None:
     stream = data.draw(stream_of(protocol))
     assert decode(protocol, *cut(stream, cuts)) == decode(protocol, stream)
@@ -140,7 +140,7 @@ def test_cuts_change_neither_frames_nor_discards(protocol: Protocol, data: st.Da
 
 @every
 @given(data=st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_what_is_found_says_with_which_byte_it_was_known(protocol: Protocol, data: st.DataObject) -> None:
     """Byte for byte it comes with that one; what comes at the end of the stream, with the last one."""
     stream = data.draw(stream_of(protocol))

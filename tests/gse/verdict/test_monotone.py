@@ -14,9 +14,9 @@ from gse.verdict.assessment import judge
 FRAMES = 600
 SEVERITY = {Verdict.PASS: 0, Verdict.INCONCLUSIVE: 1, Verdict.FAIL: 2}
 """Of words and of outcomes, which have the same names."""
-MORE = (0, 1, 3, 6, 12, 30, 75, 140, 299)
+MORE = (0, 1, 6, 30, 140, 299)
 """Up to half of the frames."""
-MOST = (*MORE, 400, 569)
+MOST = (*MORE, 569)
 """Up to what leaves thirty of them."""
 
 
@@ -95,7 +95,7 @@ def test_more_frames_that_are_wrong_make_no_word_milder_and_no_row_better(kind, 
 @pytest.mark.parametrize("turn_deg", [0.4, 2.0])
 def test_a_mount_that_was_moved_in_the_session_is_a_mistake_of_the_set_up(turn_deg):
     """For more than half of the session or less: nobody vouches that no one pushed it."""
-    for count in (30, 140, 299, 400):
+    for count in (30, 299, 400):
         made = session(FRAMES, step_s=1.0)
         elsewhere(made, np.arange(FRAMES - count, FRAMES), turn_deg)
         judged = judge(made)
@@ -113,7 +113,7 @@ def test_a_moved_mount_is_no_excuse_where_it_is_vouched_for():
 def test_a_mount_that_was_kicked_and_put_back_is_a_mistake_of_the_set_up(turn_deg):
     """For few frames or many; how many they are makes no word milder."""
     judged = []
-    for count in (0, 2, 6, 12, 30, 140, 299):
+    for count in (0, 2, 30, 299):
         made = session(FRAMES, step_s=1.0)
         elsewhere(made, np.arange(200, 200 + count), turn_deg)
         judged.append(judge(made))
@@ -172,9 +172,9 @@ def test_more_own_answers_that_are_off_make_no_word_milder(off_arcsec, scattered
 
 def test_own_answers_that_are_further_off_make_no_word_milder():
     """From false_arcsec on they are false and not averaged in: the rows of accuracy are those of the others."""
-    judged = [judge(with_own(order(True)[:60], off)) for off in (0, 20, 50, 100, 150, 300, 1000, 4000, 90_000)]
+    judged = [judge(with_own(order(True)[:60], off)) for off in (0, 50, 150, 300, 4000, 90_000)]
     words = [SEVERITY[one.verdict] for one in judged]
     assert words == sorted(words)
     assert (words[0], words[-1]) == (0, 2)
     shares = [one.statistics.subjects[Subject.SENSOR].false_answers.count for one in judged]
-    assert shares == [0] * 5 + [60] * 4
+    assert shares == [0] * 3 + [60] * 3
