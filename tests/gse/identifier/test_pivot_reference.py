@@ -71,11 +71,11 @@ def assert_same(sky, plain, directions, brightness, gates):
 def test_same_answers_over_the_sky(source, sky, plain, tolerance_px, magnitude, zero_point):
     seen, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(3)
     gates, found = Gates(1e6 * tolerance_px / 2400, magnitude, zero_point), 0
-    for false_objects, boresight in enumerate(spiral_directions(25)):
+    for false_objects, boresight in enumerate(spiral_directions(15)):
         frame = made_frame(seen, CAMERA, boresight, Noise(false_objects=false_objects % 3, limit=4.5), rng)
         if len(frame.brightness) >= 3:
             found += assert_same(sky, plain, CAMERA.directions(frame.xy_px), frame.brightness, gates)
-    assert found >= 10
+    assert found >= 6
 
 
 @settings(max_examples=20)

@@ -135,7 +135,7 @@ def test_an_image_is_called_mirrored_where_chance_would_do_so_in_one_of_a_hundre
 ) -> None:
     """Few objects of flipped skies, on either side of that limit."""
     called = {True: 0, False: 0}
-    for frame in frames(WIDE, NOMINAL, catalog, 40):
+    for frame in frames(WIDE, NOMINAL, catalog, 16):
         for count in (3, 4, 5):
             upright, brightness = frame.directions_sensor[:count], frame.brightness[:count]
             if not isinstance(wide.identify(upright, brightness), Identification):
@@ -147,7 +147,7 @@ def test_an_image_is_called_mirrored_where_chance_would_do_so_in_one_of_a_hundre
                 called[True] += 1
             elif least > 1e-5:
                 called[False] += 1
-    assert min(called.values()) > 5
+    assert min(called.values()) > 2
 
 
 def test_a_focal_length_half_a_percent_off_is_borne(wide: RobustIdentifier, catalog: StarCatalog) -> None:

@@ -26,8 +26,8 @@ SESSIONS = sorted(
     for pattern in (
         "golden/*.mcap",
         "lowell/00*.mcap",
-        "night-sky/rooftop*-subpixel.mcap",
-        "night-sky/tripod*05sec*.mcap",
+        "night-sky/rooftop*azi45-subpixel.mcap",
+        "night-sky/tripod*05sec.mcap",
     )
     for path in REPLAYS.glob(pattern)
 )

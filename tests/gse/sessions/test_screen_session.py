@@ -203,10 +203,9 @@ def rehearsed(folder, station, device, scene=None):
             "focal length",
             "or the picture on the screen is about 10.00 % larger than stated",
         ),
-        ("{sensor: {mirrored: true}}", "mirrored image", "the monitor is mirrored"),
         ("{screen: {gamma: 1.8}}", "gamma of the screen", "as on a panel of gamma 1.7"),
     ],
-    ids=["pixel pitch", "zoom of 110 %", "mirrored monitor", "night light"],
+    ids=["pixel pitch", "zoom of 110 %", "night light"],
 )
 def test_a_screen_that_is_not_as_stated_is_named_in_words(tmp_path, device, cause, words):
     (tmp_path / "lab.yaml").write_text(STATION)
@@ -239,10 +238,13 @@ def test_a_fitted_screen_is_written_and_the_next_session_is_judged_relative_to_i
     assert {term["name"]: term["ra_arcsec"] for term in report["truth_budget"]["terms"]}["screen scale"] > 0
 
 
-def test_a_mirrored_monitor_is_named_instead_of_a_fit(tmp_path):
+def test_a_mirrored_monitor_is_named_in_words_and_instead_of_a_fit(tmp_path):
     (tmp_path / "lab.yaml").write_text(STATION)
-    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", "{sensor: {mirrored: true}}")
+    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", "{sensor: {mirrored: true}}", STILL)
     assert code != 0
+    (found,) = json.loads((session / "report.json").read_text())["diagnosis"]
+    assert found["cause"] == "mirrored image"
+    assert "the monitor is mirrored" in found["size"]
     refused = CliRunner().invoke(cli, ["align", str(session)]).exception
     assert isinstance(refused, UsageError)
     assert "switch the mirroring of the monitor off" in str(refused)
