@@ -285,11 +285,14 @@ class SessionSoFar:
 
     def with_event(self, event: LinkEvent) -> Self:
         """After an event, which may say how link and sky are, and what is wrong."""
-        sky, sky_text = self.sky, self.sky_text
+        sky, sky_text, silence = self.sky, self.sky_text, self._silence
         if event.kind in SKY_WORDS:
             sky, sky_text = SKY_WORDS[event.kind], event.text
+            if self.sky in NO_SKY and sky not in NO_SKY:  # the first answer may be a while after the first star
+                silence = _Silence(silence.uncounted(self.sky))
         return replace(
             self,
+            _silence=silence,
             sky=sky,
             sky_text=sky_text,
             link_word=LINK_WORDS.get(event.kind, self.link_word),

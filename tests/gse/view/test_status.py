@@ -204,6 +204,17 @@ def test_frames_without_sky_do_not_count_as_missing_answers(session, batch: int)
     assert so_far.outside == ()
 
 
+def test_a_day_does_not_count_where_the_first_answer_comes_after_the_first_star(session) -> None:
+    so_far = SessionSoFar(session.station.limits).with_event(LinkEvent(0, 0, StationKind.DAYLIGHT, "Sun 1 deg up"))
+    frames = list(synthetic_frames(310, trouble=False))
+    failing = [replace(frame, status=Status.TOO_FEW, attitude_error=None) for frame in frames[:210]]
+    so_far = so_far.with_rows(results_of(failing[:200]).rows)
+    so_far = so_far.with_event(LinkEvent(0, 0, StationKind.CLEAR, "5 of 16 expected stars are seen"))
+    so_far = so_far.with_rows(results_of([*failing[200:], *frames[210:]]).rows)
+    assert so_far.without_sky == 200
+    assert so_far.identified == pytest.approx(100 / 110)
+
+
 def test_frames_without_an_answer_below_a_clear_sky_count(session) -> None:
     so_far = SessionSoFar(session.station.limits)
     frames = list(synthetic_frames(200, trouble=False))
