@@ -55,8 +55,10 @@ def _head(report: dict[str, Any], session: str) -> Iterator[str]:
     found = report["identification"]
     identified = found["statuses"].get("IDENTIFIED", 0)
     what = "answers of its own, no panoramas" if list(found["subjects"]) == [Subject.SENSOR] else "panoramas"
-    lost = found["frames_expected"] - sum(found["statuses"].values())
-    yield f"{found['frames']} {what}, {identified} identified, {lost} lost"
+    counted = sum(found["statuses"].values())
+    left_out, lost = found["frames"] - counted, found["frames_expected"] - counted
+    share = f"{left_out} left out, {identified} of the other {counted}" if left_out else f"{identified}"
+    yield f"{found['frames']} {what}, {share} identified, {lost} lost"
 
 
 def _events(events: Sequence[LinkEvent]) -> Iterator[str]:
@@ -82,14 +84,16 @@ def _clock(event: LinkEvent) -> str:
 
 
 def _why(report: dict[str, Any]) -> Iterator[str]:
-    """The other reasons and findings; nothing is said twice."""
-    lines = further_lines(report)
-    for line in lines[:_MOST_REASONS]:
+    """The other reasons and findings, and what was left out; nothing is said twice."""
+    left_out = [f"left out from {item['from'][11:19]}Z on: {item['reason']}" for item in report["exclusions"]]
+    lines = [*_shortened(further_lines(report)), *_shortened(left_out)]
+    for line in lines or ["nothing more"]:
         yield from _item(line)
-    if len(lines) > _MOST_REASONS:
-        yield f"  and {len(lines) - _MOST_REASONS} more: see the report"
-    if not lines:
-        yield "  nothing more"
+
+
+def _shortened(lines: list[str]) -> list[str]:
+    more = len(lines) - _MOST_REASONS
+    return [*lines[:_MOST_REASONS], f"and {more} more: see the report"] if more > 0 else lines
 
 
 def _next(report: dict[str, Any], session: str) -> Iterator[str]:

@@ -213,7 +213,10 @@ def test_lost_frames_that_were_no_panoramas_are_not_missing_among_them() -> None
     session.link.frames_lost, session.others_lost = 70, 68
     report = summarise(session, judge(session))
     assert "frames: 54 of 59 expected, 53 identified" in facts(report)  # and 3 copies; 6 came while the port was gone
-    assert "60 panoramas, 53 identified, 5 lost" in why_page(report, (), "session.mcap")
+    report["exclusions"] = [{"from": "2026-03-20T18:30:04.000000Z", "reason": "the port was gone for 0.6 s"}]
+    page = why_page(report, (), "session.mcap")
+    assert "60 panoramas, 6 left out, 53 of the other 54 identified, 5 lost" in page
+    assert "left out from 18:30:04Z on: the port was gone for 0.6 s" in page
 
 
 def test_the_table_of_frames_has_firmware_and_serial_number_of_the_latest_status(session) -> None:
