@@ -269,10 +269,16 @@ def _false_match_probability(log_evidence: float) -> float:
     return CHANCE_OF_EVIDENCE * math.exp(-log_evidence) if log_evidence > math.log(CHANCE_OF_EVIDENCE) else 1.0
 
 
+_EDGE_POINTS = 65
+"""Along each edge of the detector: between two of them it bends by less than 0.1 px."""
+
+
 def _field(camera: Camera, field_of_view_deg: float | None) -> NDArray[np.float64]:
     """The field as the tables describe it."""
-    corners = np.array([(x, y) for x in (-0.5, camera.columns - 0.5) for y in (-0.5, camera.rows - 0.5)])
-    directions = camera.directions(corners)
+    # A barrel distortion bends the edges out: their middles lie beyond the corners.
+    across, down = (np.linspace(-0.5, size - 0.5, _EDGE_POINTS) for size in (camera.columns, camera.rows))
+    edges = [(x, y) for x in across for y in down[[0, -1]]] + [(x, y) for x in across[[0, -1]] for y in down]
+    directions = camera.directions(np.array(edges))
     uv = directions[:, :2] / directions[:, 2:]
     (left, top), (right, bottom) = uv.min(axis=0), uv.max(axis=0)
     area, radius2 = (right - left) * (bottom - top), math.inf

@@ -1,6 +1,7 @@
 """The robust identifier: right on the whole sky, never fooled, clear about bad input."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -219,6 +220,15 @@ def test_a_handful_of_stars_is_found_among_eight_false_objects(
     assert 5 <= frame.real_stars <= 7
     assert isinstance(answer, Identification)
     assert error_deg(narrow, answer, frame) < 0.1
+
+
+def test_stars_at_the_edges_of_a_barrel_distortion_lie_in_the_field(catalog: StarCatalog) -> None:
+    camera = replace(WIDE.camera, radial_distortion=(-0.08, 0.0))
+    identifier = RobustIdentifier(camera, catalog, stars=bright(catalog))
+    for frame in frames(Optics("barrel", camera, 6.0), NOMINAL, catalog, 20):
+        answer = identifier.identify(frame.directions_sensor, frame.brightness)
+        assert isinstance(answer, Identification)
+        assert error_deg(identifier, answer, frame) < 0.05
 
 
 def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIdentifier, catalog: StarCatalog) -> None:
