@@ -27,6 +27,8 @@ _BITS_PER_SAMPLE = 258
 _EXIF, _FOCAL_LENGTH_IN_35MM_FILM = 0x8769, 41989
 _COLOURS = 3
 _MOST_COUNTS = 1 << 16
+_MOST_OF_FRACTIONS = 2.0
+"""Fractions of full scale go over 1 where a picture was sharpened or divided by a flat field; counts go far over 2."""
 _BROKEN = (OSError, SyntaxError, ValueError, TypeError, KeyError, IndexError, EOFError, struct.error, MemoryError)
 """What Pillow and astropy raise on damaged files."""
 
@@ -99,7 +101,7 @@ def _check_floats(path: Path, numbers: NDArray[Any]) -> None:
     brightest = float(np.max(numbers, where=np.isfinite(numbers), initial=-np.inf))
     if brightest == -np.inf:
         raise TableError(f"{path} holds no number in any pixel")
-    if 0 < brightest <= 1:
+    if 0 < brightest < _MOST_OF_FRACTIONS:
         raise TableError(f"{path} holds fractions up to {brightest:.3g}: expected counts, so scale it to 0..4095")
 
 

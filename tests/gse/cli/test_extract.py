@@ -302,6 +302,7 @@ def test_what_is_no_image_of_a_detector_is_told_so(name: str, tmp_path: Path) ->
     ("pixels", "words"),
     [
         (stars() / 4095, "fractions up to 0.977.*scale it"),
+        (stars() / 3810, "fractions up to 1.05.*scale it"),
         (np.full((9, 9), np.nan), "no number in any pixel"),
         (stars() * 1000.0, "counts of 8e[+]04 in its background: scale it to 65535"),
         (stars() * np.int32(1000), "counts of 8e[+]04 in its background: scale it to 65535"),
