@@ -190,8 +190,6 @@ class Run:
     def begin(self, bench: Bench) -> None:
         """Begin with the first step at the next tick."""
         self._bench = bench
-        steps = str(len(self.procedure.steps))
-        bench.record(StationKind.PROCEDURE, event_text(self.procedure.name, self.desk.name, steps))
         self._ticks = self._run()
 
     def tick(self) -> None:
@@ -240,10 +238,16 @@ class Run:
 
     # The run
 
+    def _record_begin(self) -> None:
+        """At the first tick, after the data that had come: they stand before it in the recording, too."""
+        steps = str(len(self.procedure.steps))
+        self.bench.record(StationKind.PROCEDURE, event_text(self.procedure.name, self.desk.name, steps))
+
     def _run(self) -> Generator[None, None, None]:
+        self._record_begin()
         ended = ""
         try:
-            yield  # the first tick comes with the first data
+            yield
         except _Interrupted as reason:
             ended = str(reason)
         steps = self.procedure.steps
@@ -541,6 +545,7 @@ class OpenRun(Run):
         self._asked.put(None)
 
     def _run(self) -> Generator[None, None, None]:
+        self._record_begin()
         yield
         self.on_begin()
         result: Future[Done] | None = None

@@ -447,10 +447,13 @@ class _DerivedDataRecorder:
         procedure.desk.look = self.take_notes
 
     def _tick_procedure(self) -> None:
-        """Go on with the procedure once all that came is processed; on a computer that is behind, now and then."""
-        now_ns = self._link.mono_ns()
-        behind = self._link.is_live and (self._loop.items_left or self._link.has_news)
-        if self._procedure is not None and (not behind or now_ns - self._ticked_ns > _BEHIND_NS):
+        """Go on with the procedure once all that came is processed, since its events stand after that in the recording.
+
+        A live port puts them into their place itself; on a computer that is behind it goes on now and then.
+        """
+        now_ns, is_live = self._link.mono_ns(), self._link.is_live
+        behind = self._loop.items_left or (is_live and self._link.has_news)
+        if self._procedure is not None and (not behind or (is_live and now_ns - self._ticked_ns > _BEHIND_NS)):
             self._ticked_ns = now_ns
             self._procedure.tick()
 

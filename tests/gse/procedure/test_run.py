@@ -84,7 +84,7 @@ def test_a_functional_test_passes_and_its_replay_says_the_same_with_nobody_asked
     # A replay has nobody to ask, sends nothing and switches nothing.
     gse("replay", ran.folder, "--out", tmp_path / "again")
     (again,) = (tmp_path / "again").iterdir()
-    for name in ("report.json", "junit.xml", "frames.csv"):
+    for name in ("report.json", "report.html", "junit.xml", "frames.csv"):
         assert (again / name).read_bytes() == (ran.folder / name).read_bytes(), name
 
     cases = [case.get("name") for case in ET.parse(ran.folder / "junit.xml").iter("testcase")]
