@@ -2,8 +2,8 @@
 
 Each kind of step is a generator that yields where it would wait; ``tick`` goes on with the one that runs, on the thread
 of the loop, which alone reads the port. What ends a run is thrown into that generator, so that it is the step that was
-interrupted which says so. The cleanup follows whatever happened; ``finish`` does what is left of it where no loop runs
-any more, without waiting.
+interrupted which says so. The cleanup follows whatever happened, also a defect of ours, which is raised after it;
+nothing interrupts it. ``finish`` does what is left of it where no loop runs any more, without waiting.
 
 Time is that of the data: of the host's clock on a live port, of the simulation on a simulated one.
 """
@@ -179,7 +179,7 @@ class Run:
         self._first, self._say = first, say
         self._bench: Bench | None = None
         self._ticks: Generator[None, None, None] | None = None
-        self._was_interrupted = self._hurries = False
+        self._is_interruptible, self._hurries = True, False
         self._began_ns = 0
         self._measured: dict[str, list[float]] = defaultdict(list)
         self._power = ""
@@ -198,7 +198,7 @@ class Run:
             return
         reason = self.bench.interrupted()
         try:
-            if reason and not self._was_interrupted:
+            if reason and self._is_interruptible:
                 self._interrupt(self._ticks, reason)
             else:
                 next(self._ticks)
@@ -216,7 +216,7 @@ class Run:
         if self._ticks is None or inspect.getgeneratorstate(self._ticks) == inspect.GEN_CLOSED:
             return
         try:
-            if not self._was_interrupted:
+            if self._is_interruptible:
                 self._interrupt(self._ticks, reason)
             for _ in self._ticks:
                 pass
@@ -225,7 +225,7 @@ class Run:
         self.is_over = True
 
     def _interrupt(self, ticks: Generator[None, None, None], reason: str) -> None:
-        self._was_interrupted = True
+        self._is_interruptible = False
         if inspect.getgeneratorstate(ticks) == inspect.GEN_CREATED:
             next(ticks)  # to its first wait: a run that has not begun takes no interruption
         ticks.throw(_Interrupted(reason))
@@ -245,7 +245,7 @@ class Run:
 
     def _run(self) -> Generator[None, None, None]:
         self._record_begin()
-        ended = ""
+        ended, defect = "", None
         try:
             yield
         except _Interrupted as reason:
@@ -261,12 +261,20 @@ class Run:
                 ended = f"step {step.number} {done.outcome}" if done.ends and not step.goes_on else ""
         except _Interrupted as reason:
             ended = str(reason)
+        except Exception as error:  # a defect of the station: the supply must not stay on for it
+            ended, defect = f"an internal error in step {steps[at - 1].number}", error
+        self._is_interruptible = False
         self.desk.answered()
         for step in steps[at:]:
             self._leave(step, ended)
         for step in self.procedure.cleanup:
-            yield from self._step(step, step.number)
+            try:
+                yield from self._step(step, step.number)
+            except Exception as error:
+                defect = defect or error
         self._record_end()
+        if defect is not None:
+            raise defect
 
     def _record_end(self) -> None:
         left = f"the supply was left {self._power}" if self._power else "the supply was not switched"
@@ -290,6 +298,10 @@ class Run:
             raise
         except PortError as error:
             done = Done(StepOutcome.NOT_DONE, f"the port is gone: {error}")
+        except Exception as error:
+            words = f"internal error of gse: {type(error).__name__}: {error}"
+            self._record_done(step, number, Done(StepOutcome.NOT_DONE, words))
+            raise
         finally:
             self._frames = None
         self._record_done(step, number, done)

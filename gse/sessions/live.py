@@ -286,6 +286,9 @@ def run_live(
                     most=most,
                     last=derived_data.finish_procedure,
                 )
+            except Exception as error:
+                derived_data.finish_procedure(f"an internal error of gse: {type(error).__name__}: {error}")
+                raise
             finally:
                 derived_data.finish_procedure()
         derived_data.close()
@@ -457,10 +460,10 @@ class _DerivedDataRecorder:
             self._ticked_ns = now_ns
             self._procedure.tick()
 
-    def finish_procedure(self) -> None:
-        """Do what is left of a procedure, at the end of the session or of the data."""
+    def finish_procedure(self, error: str = "") -> None:
+        """Do what is left of a procedure, at the end of the session or of the data, or after an ``error``."""
         if self._procedure is not None:
-            self._procedure.finish(self._operator.ending.reason or "the end of the data")
+            self._procedure.finish(error or self._operator.ending.reason or "the end of the data")
         self.take_power()
 
     def take_screen(self, utc_ns: int) -> None:

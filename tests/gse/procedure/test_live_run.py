@@ -15,7 +15,15 @@ from devices.live_session import LiveSession, ended
 from devices.patience import PATIENCE_S
 
 from drivers.errors import DriverError
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import EVENTS, RecordedMessage
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.config.choice import station_of
+from gse.procedure.desk import Desk
+from gse.procedure.engine import Run
+from gse.procedure.file import parse_procedure
+from gse.sessions.live import Ending, Operator, run_live
+from gse.station.events import StationKind
 
 SIMULATED = """\
 version: 1
@@ -108,6 +116,38 @@ def test_a_signal_ends_the_run_and_the_cleanup_is_done(begin, tmp_path, number):
     assert [log[f"cleanup {n}"][0] for n in (1, 2)] == ["PASS", "PASS"]
     assert report["verdict"] == "INCONCLUSIVE"
     assert session.is_closed_judged_and_reported()
+
+
+class BrokenView:
+    """A listener that cannot show results."""
+
+    def on_results(self, results, session):
+        raise ZeroDivisionError("of the view")
+
+    def on_event(self, event):
+        pass
+
+
+def test_an_internal_error_outside_of_the_steps_leaves_the_supply_as_the_cleanup_says(tmp_path):
+    procedure = parse_procedure(HEAD + "  - wait: {for: 10 min}\n" + CLEANUP)
+    with EmulatedSensor(tmp_path) as sensor:
+        station, text = station_of(sensor.station)
+        run = Run(procedure, Desk())
+        with Ending(print) as ending, pytest.raises(ZeroDivisionError, match="of the view"):
+            run_live(
+                station,
+                text,
+                tmp_path / "out",
+                Operator(ending),
+                make_listeners=lambda loop, folder, live: [BrokenView()],
+                procedure=run,
+            )
+        assert sensor.supply.read_text() == "off"
+    records = read_capture(LiveSession(tmp_path / "out").folder / "session.mcap")
+    events = [one.event() for one in records if isinstance(one, RecordedMessage) and one.topic == EVENTS]
+    log = [event.text for event in events if event.kind == StationKind.STEP_DONE]
+    assert "an internal error of gse: ZeroDivisionError: of the view" in log[0]
+    assert log[-1].startswith("cleanup 2 | PASS")
 
 
 @pytest.mark.parametrize(

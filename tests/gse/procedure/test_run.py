@@ -3,6 +3,7 @@
 import json
 import re
 import xml.etree.ElementTree as ET
+from concurrent.futures import Future
 
 import pytest
 from devices.items_sensor import ITEMS_TEXT
@@ -11,6 +12,7 @@ from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.procedure.desk import Desk
 from gse.procedure.engine import Run
 from gse.procedure.file import parse_procedure
+from gse.procedure.power import Ran as Switched
 from gse.station.events import StationKind
 
 STATION = """\
@@ -188,14 +190,63 @@ def test_a_run_that_is_ended_before_its_first_step_leaves_every_step_by_name(end
     assert all("Ctrl-C" in text for text in left)
 
 
-def test_an_error_of_the_station_in_a_step_is_not_hidden_by_the_end_of_the_run():
-    bench = QuietBench()
-    one = Run(parse_procedure(HEAD + "steps:\n  - power: on\n", "test"), Desk())
+class SwitchedBench(QuietBench):
+    """A bench whose supply breaks when it is switched on, and which knows no commands."""
+
+    is_live = False
+
+    def __init__(self):
+        super().__init__()
+        self.switched = []
+
+    def switch(self, *, on):
+        if on:
+            raise ZeroDivisionError("of the supply")
+        self.switched.append(on)
+        done = Future()
+        done.set_result(Switched(True, ""))
+        return done
+
+    def log(self):
+        done = [text.split(" | ") for kind, text in self.recorded if kind == StationKind.STEP_DONE]
+        return {number: (outcome, seen) for number, outcome, _, seen, _ in done}
+
+
+def test_the_cleanup_is_done_after_an_internal_error_which_is_raised_then():
+    bench = SwitchedBench()
+    steps = "steps:\n  - power: on\n  - wait: {for: 6s}\ncleanup:\n  - send: STOP\n  - power: off\n"
+    one = Run(parse_procedure(HEAD + steps, "test"), Desk())
     one.begin(bench)
     one.tick()
-    with pytest.raises(AttributeError, match="switch"):  # this bench has none
+    with pytest.raises(ZeroDivisionError, match="of the supply"):
         one.tick()
     one.finish()
+    log = bench.log()
+    assert bench.switched == [False]
+    assert log["1"] == ("not done", "internal error of gse: ZeroDivisionError: of the supply")
+    assert log["2"] == ("not done", "an internal error in step 1")
+    assert log["cleanup 1"][0] == "not done"
+    assert "AttributeError" in log["cleanup 1"][1]
+    assert log["cleanup 2"][0] == "PASS"
+    assert bench.recorded[-1] == (StationKind.PROCEDURE_ENDED, "the supply was left off")
+
+
+def test_nothing_interrupts_the_cleanup():
+    bench = SwitchedBench()
+    steps = "steps:\n  - power: off\ncleanup:\n  - wait: {for: 5s}\n  - power: off\n"
+    one = Run(parse_procedure(HEAD + steps, "test"), Desk())
+    one.begin(bench)
+    one.tick()
+    one.tick()
+    bench.reason = "Ctrl-C"
+    one.tick()
+    assert not one.is_over
+    one.finish("Ctrl-C")
+    assert bench.log() == {
+        "1": ("PASS", "switched off"),
+        "cleanup 1": ("not done", "no time was left to wait"),
+        "cleanup 2": ("PASS", "switched off"),
+    }
 
 
 def test_a_step_may_fail_and_the_run_goes_on(run):
