@@ -80,8 +80,8 @@ def run(
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 def check_command(path: Path) -> None:
     """Check every step of FILE against its station file and description, and say how long the run takes."""
-    procedure, station, _, _ = _checked(path, None)
-    least_s, longest_s = duration_s(procedure.steps, station.power.settle_s if station.power else 0.0)
+    procedure, station, _, protocol = _checked(path, None)
+    least_s, longest_s = duration_s(procedure.steps, protocol, station.power.settle_s if station.power else 0.0)
     asked = sum(step.planned.startswith(("tell:", "ask:")) for step in procedure.all_steps())
     click.echo(f"{path}: {procedure.name}")
     rounds = runs_of(procedure.steps)

@@ -519,7 +519,7 @@ def simulated_for(station: Station, text: str, procedure: Procedure, shown: list
     """The station with a simulated sensor that goes on until the last step is done."""
     from gse.sessions.stepped import endless, simulated_station
 
-    _, longest_s = duration_s((*procedure.steps, *procedure.cleanup))
+    _, longest_s = duration_s((*procedure.steps, *procedure.cleanup), load_protocol(station.protocol))
     return simulated_station(*endless(station, text, longest_s + _SPARE_S), shown)
 
 

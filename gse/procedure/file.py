@@ -26,7 +26,7 @@ from gse.config.station import MAX_FILE_BYTES, Station
 from gse.errors import ConfigError
 from gse.values.limits import Limits
 from gse.values.text import count_text
-from protocols import Condition, EncodeError, Item, Protocol
+from protocols import NO_ANSWER, Condition, EncodeError, Item, Protocol
 from protocols.items import Wanted, unknown_name
 from protocols.yaml_text import load_document
 
@@ -221,6 +221,10 @@ def _places(node: _Node) -> Iterator[tuple[str, Place]]:
             yield from _places(below)
 
 
+_OF_SEND = ("command", "at_most", "expect")
+"""Words of a ``send`` itself; an argument of such a name stands in ``arguments``."""
+
+
 class _Reader:
     """Reads one file; problems are ConfigErrors with file, line and column."""
 
@@ -401,7 +405,13 @@ class _Reader:
             raise self.problem(
                 node, "command is missing; expected for example {command: SET_EXPOSURE, exposure: 200 ms}"
             )
-        given = {name: below for name, below in node.value.items() if name not in ("command", "at_most", "expect")}
+        given = {name: below for name, below in node.value.items() if name not in _OF_SEND}
+        named = given["arguments"].value if "arguments" in given else None
+        if isinstance(named, dict):
+            del given["arguments"]
+            if twice := given.keys() & named.keys():
+                raise self.problem(named[min(twice)], f"{min(twice)} stands here twice; leave one out")
+            given |= named
         arguments = {name: below.text if isinstance(below.value, str) else below.value for name, below in given.items()}
         at_most_s = self.duration(node.value["at_most"]) if "at_most" in node.value else None
         refused = self._refused(node.value["expect"]) if "expect" in node.value else None
@@ -546,16 +556,16 @@ def runs_of(steps: Sequence[Step]) -> int:
     return sum(1 + (step.act.times * runs_of(step.act.steps) if isinstance(step.act, Repeat) else 0) for step in steps)
 
 
-def duration_s(steps: Sequence[Step], settle_s: float = 0.0) -> tuple[float, float]:
+def duration_s(steps: Sequence[Step], protocol: Protocol, settle_s: float = 0.0) -> tuple[float, float]:
     """The least and the longest time of steps without the operator's, where each one ends well."""
     least = longest = 0.0
     for step in steps:
-        low, high = _duration_s(step.act, settle_s)
+        low, high = _duration_s(step.act, protocol, settle_s)
         least, longest = least + low, longest + high
     return least, longest
 
 
-def _duration_s(act: Act, settle_s: float) -> tuple[float, float]:
+def _duration_s(act: Act, protocol: Protocol, settle_s: float) -> tuple[float, float]:
     match act:
         case Watch(for_s=for_s, frames=int()):
             return 0.0, for_s
@@ -564,11 +574,14 @@ def _duration_s(act: Act, settle_s: float) -> tuple[float, float]:
         case Wait() | CheckNow():
             return 0.0, act.at_most_s
         case Send():
-            return 0.0, act.at_most_s or 0.0
+            layout = protocol.commands.get(act.command)
+            if layout is None or (layout.answer == NO_ANSWER and act.refused is None):
+                return 0.0, 0.0  # no answer is awaited
+            return 0.0, act.at_most_s or layout.timeout_s
         case SwitchPower(on=True):
             return settle_s, settle_s
         case Repeat():
-            low, high = duration_s(act.steps, settle_s)
+            low, high = duration_s(act.steps, protocol, settle_s)
             return act.times * low, act.times * high
         case _:
             return 0.0, 0.0
@@ -664,4 +677,7 @@ def _of_command(step: Step, act: Send, protocol: Protocol) -> Iterator[tuple[Ste
         protocol.encode((layout if act.refused is None else layout.free).made(**act.arguments), 0)
     except EncodeError as error:
         named = next((name for name in act.arguments if name in str(error)), "command")
-        yield step, step.places.get(named, (step.line, step.column)), str(error)
+        words = str(error)
+        if taken := [one.name for one in layout.arguments if one.name in _OF_SEND and one.name not in act.arguments]:
+            words += f"; {taken[0]} is a word of the step: write arguments: {{{taken[0]}: ..}}"
+        yield step, step.places.get(named, (step.line, step.column)), words

@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+from devices.items_sensor import ITEMS_TEXT
 from skies.known_nights import STATION
 
 from gse.config.station import parse_station
@@ -102,9 +103,26 @@ def test_all_of_it_is_known_to_a_station_and_its_description():
 def test_a_run_takes_between_its_waits_and_its_longest_waits():
     procedure = parse_procedure(HEAD + ALL)
     assert runs_of(procedure.steps) == 9 + 30 * 4
-    least_s, longest_s = duration_s(procedure.steps, settle_s=1.0)
+    least_s, longest_s = duration_s(procedure.steps, PROTOCOL, settle_s=1.0)
     assert least_s == 1 + 600 + 30 * (5 + 1)
-    assert longest_s == least_s + 10 + 15 + 30 * 30 + 15
+    assert longest_s == least_s + 10 + PROTOCOL.commands["SET_EXPOSURE"].timeout_s + 15 + 30 * 30 + 15
+
+
+def test_arguments_named_as_words_of_the_step_stand_in_arguments():
+    protocol = parse_protocol(
+        ITEMS_TEXT.replace("- {name: gain, type: u8, unit: dB", "- {name: expect, type: u8"), "x.yaml"
+    )
+
+    def said(steps):
+        return check(parse_procedure(HEAD + steps, "test.yaml"), SIMULATED, protocol)
+
+    assert said("  - send: {command: SET_GAIN, arguments: {expect: 12}}\n") == []
+    (problem,) = said("  - send: {command: SET_GAIN, expect: refused}\n")
+    assert problem.endswith("expect is a word of the step: write arguments: {expect: ..}")
+    (step,) = parse_procedure(HEAD + "  - send: {command: X, gain: 1, arguments: {expect: 100 ms, at_most: 2}}\n").steps
+    assert step.act == Send("X", {"gain": 1, "expect": "100 ms", "at_most": 2})
+    twice = refused(HEAD + "  - send: {command: X, gain: 1, arguments: {gain: 1}}\n")
+    assert "line 4, column 51: gain stands here twice" in twice
 
 
 @pytest.mark.parametrize(

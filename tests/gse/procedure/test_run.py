@@ -288,6 +288,7 @@ def test_a_sensor_without_power_does_not_answer(run):
     assert ran.outcomes()["3"] == "PASS"
     assert ran.outcomes()["cleanup 1"] == "FAIL"  # and the next is done all the same
     assert ran.outcomes()["cleanup 2"] == "PASS"
+    assert "The rows of the verdict" not in (ran.folder / "report.html").read_text()  # nothing was watched
 
 
 def test_answers_come_from_a_file_and_must_be_what_is_expected(run):
