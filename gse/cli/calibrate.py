@@ -77,7 +77,7 @@ def _tell(result: SessionCalibration, station_text: str, write_path: Path | None
 
 def _of_one_panorama(path: Path, station_path: Path | None, *, tangential: bool) -> tuple[SessionCalibration, str]:
     """The camera of a table or an image, and the text of the station file that it was fitted from."""
-    from gse.cli.identify import found_station, seen_in
+    from gse.cli.identify import found_station, seen_in, why_no_camera
     from gse.station.setup import set_up
 
     seen = seen_in(path)
@@ -86,7 +86,7 @@ def _of_one_panorama(path: Path, station_path: Path | None, *, tangential: bool)
     size = station.sensor.columns, station.sensor.rows
     if seen.size not in (None, size):
         if station_path is None:
-            raise UsageError(f"no focal length fits the objects of {path}; state the camera with --station")
+            raise UsageError(why_no_camera(seen))
         raise UsageError(f"{path} has {seen.size} columns and rows, the station file {size}; expected the same")
     setup = set_up(*with_identifier(station, text, "robust"), tell=say)
     sample = PanoramaSample()

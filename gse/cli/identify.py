@@ -56,7 +56,7 @@ def command(
         say("no object stands out of the picture: there is nothing to identify")
         ctx.exit(1)
     if result is None:
-        say("no focal length fits; with --station the camera of a station file is taken")
+        say(why_no_camera(seen))
         ctx.exit(1)
     if as_json:
         document = frame_json(result)
@@ -137,6 +137,21 @@ def found_station(seen: SeenObjects) -> str | None:
     say(f"focal length {camera.focal_length_px:.1f} px fits: a field of {across:.1f} x {down:.1f} deg{mirrored}")
     return _STATION.format(
         rows=rows, columns=columns, focal_length_px=camera.focal_length_px, mirrored=str(camera.mirrored).lower()
+    )
+
+
+def why_no_camera(seen: SeenObjects) -> str:
+    """Why ``found_station`` found nothing, and what to do."""
+    count = len(seen.brightness)
+    if count < _FEWEST_FOR_A_SEARCH:
+        return (
+            f"{count} objects are too few to find the focal length: {_FEWEST_FOR_A_SEARCH} are needed, "
+            "or a station file (--station) with the camera"
+        )
+    return (
+        "no focal length fits, from 5 to 70 deg of field: the objects may be no stars, or the lens distorts strongly. "
+        "Then state sensor.focal_length_px and about sensor.radial_distortion in a station file (--station), "
+        "which `gse calibrate` makes exact"
     )
 
 

@@ -12,6 +12,7 @@ from PIL import Image
 from skies.night_pictures import camera_of, night_picture, published
 
 from gse.catalog import load_catalog
+from gse.cli.identify import SeenObjects, why_no_camera
 from gse.values.attitude import Attitude
 
 LOOKED = Attitude.from_angles(80, 10, 30)
@@ -62,6 +63,22 @@ def test_a_picture_without_stars_is_not_identified(tmp_path: Path, gse: Gse) -> 
     done = gse("identify", tmp_path / "grey.png")
     assert (done.code, done.out) == (1, "")
     assert "no object stands out of the picture" in done.err
+
+
+@pytest.mark.parametrize(("command", "code"), [("identify", 1), ("calibrate", 2)])
+def test_a_picture_of_few_objects_is_not_searched(tmp_path: Path, gse: Gse, command: str, code: int) -> None:
+    pixels = np.random.default_rng(4).normal(20, 2, (200, 300))
+    for y, x in ((20, 50), (60, 200), (110, 90), (150, 240), (170, 30)):
+        pixels[y - 1 : y + 2, x - 1 : x + 2] += 100 + y
+    Image.fromarray(pixels.astype(np.uint8)).save(tmp_path / "dots.png")
+    done = gse(command, tmp_path / "dots.png")
+    assert (done.code, done.out) == (code, "")
+    assert "5 objects are too few to find the focal length: 8 are needed" in done.err
+
+
+def test_where_no_camera_fits_a_lens_that_distorts_is_named() -> None:
+    seen = SeenObjects(np.zeros((8, 2)), np.ones(8), (300, 200))
+    assert "about sensor.radial_distortion in a station file" in why_no_camera(seen)
 
 
 def test_an_annotated_picture_rings_its_stars_in_green(tmp_path: Path, gse: Gse, picture: Image.Image) -> None:
