@@ -69,7 +69,7 @@ def test_a_picture_without_stars_is_not_identified(tmp_path: Path, gse: Gse) -> 
 def test_a_picture_of_few_objects_is_not_searched(tmp_path: Path, gse: Gse, command: str, code: int) -> None:
     pixels = np.random.default_rng(4).normal(20, 2, (200, 300))
     for y, x in ((20, 50), (60, 200), (110, 90), (150, 240), (170, 30)):
-        pixels[y - 1 : y + 2, x - 1 : x + 2] += 100 + y
+        pixels[y - 1 : y + 2, x - 1 : x + 2] += 50 + y
     Image.fromarray(pixels.astype(np.uint8)).save(tmp_path / "dots.png")
     done = gse(command, tmp_path / "dots.png")
     assert (done.code, done.out) == (code, "")
