@@ -158,6 +158,18 @@ def test_one_byte_at_a_time_gives_the_same_as_all_at_once(protocol: Protocol) ->
 
 
 @every
+def test_who_reads_as_many_bytes_as_are_wanted_has_the_frame_and_none_of_the_next(protocol: Protocol) -> None:
+    decoder, frame, read = FrameDecoder(protocol), panorama(protocol, 1), 0
+    stream = frame + panorama(protocol, 2)
+    found: list[Frame | Discard] = []
+    while not found:
+        piece = stream[read : read + decoder.wanted]
+        read += len(piece)
+        found = decoder.feed(piece)
+    assert (read, [item.size for item in frames(found)]) == (len(frame), [len(frame)])
+
+
+@every
 def test_frames_in_noise_are_all_found(protocol: Protocol) -> None:
     noise = random.Random(1)
     sent = [panorama(protocol, n) for n in range(200)]
@@ -296,8 +308,10 @@ def test_one_broken_frame_is_one_discard_of_all_its_bytes() -> None:
 
 
 def test_the_start_of_a_sync_word_at_the_end_of_the_stream_is_truncated() -> None:
-    found = decode(SYNC, b"noise\x1a\xcf")
-    assert reasons(found) == ["no sync", "truncated"]
+    for begun in (b"\x1a", b"\x1a\xcf", b"\x1a\xcf\xfc"):
+        found = decode(SYNC, b"noise" + begun)
+        discarded = [(item.reason, item.data) for item in found if isinstance(item, Discard)]
+        assert discarded == [("no sync", b"noise"), ("truncated", begun)]
 
 
 def test_slip_frames_with_one_end_between_them_are_found() -> None:
