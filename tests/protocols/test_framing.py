@@ -268,32 +268,18 @@ def test_a_length_that_the_type_does_not_allow_is_not_believed_and_holds_nothing
     assert reasons(found) == ["bad length"]
 
 
-def test_each_reason_is_given_for_what_it_says() -> None:
-    good = panorama(SYNC, 1)
+@both
+def test_each_reason_is_given_for_what_it_says(protocol: Protocol) -> None:
+    good, type_at = panorama(protocol, 1), 4 if protocol is SYNC else 1
     cases = {
         "no sync": b"hello" + good,
-        "unknown type": flip(good, 4, 0x40) + good,
-        "bad length": flip(good, 7, 1) + good,
+        "unknown type": flip(good, type_at, 0x40) + good,
+        "bad length": (flip(good, 7, 1) if protocol is SYNC else good[:50] + good[51:]) + good,
         "bad crc": flip(good, 100, 1) + good,
         "truncated": good + good[:-1],
     }
     for reason, stream in cases.items():
-        found = decode(SYNC, stream)
-        assert reasons(found) == [reason]
-        assert len(frames(found)) == 1
-
-
-def test_each_reason_is_given_for_what_it_says_over_slip_too() -> None:
-    good = panorama(SLIP, 1)
-    cases = {
-        "no sync": b"hello" + good,
-        "unknown type": flip(good, 1, 0x40) + good,
-        "bad length": good[:50] + good[51:] + good,
-        "bad crc": flip(good, 100, 1) + good,
-        "truncated": good + good[:-1],
-    }
-    for reason, stream in cases.items():
-        found = decode(SLIP, stream)
+        found = decode(protocol, stream)
         assert reasons(found) == [reason]
         assert len(frames(found)) == 1
 
