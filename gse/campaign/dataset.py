@@ -259,8 +259,11 @@ class DataSet:
             index = self.read(path, columns, most_rows=most_rows)
         except Exception:  # an index follows from the rest: one that cannot be read is as good as none
             return None
-        keys = index["key"] if path == INDEX and index is not None else []
-        return index if len(keys) == len(set(keys)) else None
+        if index is None or path != INDEX:
+            return index
+        ids = sorted((field.name, pa.types.is_string(field.type)) for field in index.schema if field.name in _ORDER)
+        expected = sorted((name, True) for name in _ORDER if columns is None or name in columns)
+        return index if ids == expected and len(set(index["key"].to_pylist())) == len(index) else None
 
 
 def _gathered(rows: Iterable[pa.Table]) -> Iterator[pa.Table]:

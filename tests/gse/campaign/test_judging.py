@@ -212,12 +212,26 @@ def test_a_row_of_a_session_that_somebody_forged_is_refused(judged, gse, tmp_pat
     assert (done.code, session.name in done.err.replace("\n", ""), "is damaged" in done.err) == (3, True, True)
 
 
-def test_an_index_with_a_session_twice_is_not_used(judged, tmp_path):
+@pytest.mark.parametrize(
+    "forge",
+    [
+        lambda rows: pa.concat_tables([rows, rows]),
+        lambda rows: rows.drop_columns(["key"]),
+        lambda rows: rows.drop_columns(["night"]),
+        lambda rows: rows.append_column("key", rows["key"]),
+        lambda rows: rows.set_column(0, rows.column_names[0], pa.array([1] * len(rows))),
+        lambda rows: pa.table({"x": [1, 2]}),
+    ],
+    ids=["each session twice", "no key", "no night", "two keys", "a number for a text", "something else"],
+)
+@pytest.mark.parametrize("columns", [("verdict",), None], ids=["a column", "all"])
+def test_an_index_that_is_none_of_ours_is_not_used(judged, tmp_path, forge, columns):
     copy = shutil.copytree(judged, tmp_path / "copy")
     index = copy / "index" / "sessions.parquet"
     rows = pq.ParquetFile(index).read()
-    pq.write_table(pa.concat_tables([rows, rows]), index)
-    assert len(DataSet.at(str(copy)).sessions(("verdict",))) == len(rows)
+    expected = DataSet.at(str(copy)).sessions(columns)
+    pq.write_table(forge(rows), index)
+    assert DataSet.at(str(copy)).sessions(columns).select(expected.column_names) == expected
 
 
 def test_texts_of_a_forged_data_set_steer_neither_terminal_nor_spreadsheet(judged, gse):
