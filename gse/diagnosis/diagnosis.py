@@ -22,7 +22,7 @@ from gse.diagnosis.fine_causes import forget_fits
 from gse.diagnosis.fine_findings import Setting, fine_findings, without_shaking
 from gse.diagnosis.gross_causes import gross_finding
 from gse.diagnosis.late_frames import LateFrames
-from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, hidden_field, most_unmatched, stars_fall_out
+from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, hidden_field, most_unmatched, other_size, stars_fall_out
 from gse.diagnosis.moved_mount import moved_finding, moved_mount
 from gse.diagnosis.plain_findings import (
     event_findings,
@@ -245,7 +245,7 @@ def _causes(session: SessionData, counted: CountedFrames) -> tuple[tuple[Finding
     if moved and jump:  # the others tell all other causes
         counted = replace(counted, answered=counted.answered & ~moved.away, used=counted.used & ~moved.away)
     beside = (jump,) if jump else ()
-    if gross := gross_finding(session, counted):
+    if gross := other_size(session, counted) or gross_finding(session, counted):
         return (gross,), beside
     return (), (*beside, *(() if often_stand_still(session.frames.columns) else _fine(session, counted)))
 
@@ -260,7 +260,7 @@ def _of_sensor(session: SessionData, named: tuple[Finding, ...], *, is_gross: bo
 
 def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator[Finding]:
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
-    is_other_size = any(event.kind == StationKind.WRONG_DETECTOR for event in session.events)
+    is_other_size = "detector size" in named or any(one.kind == StationKind.WRONG_DETECTOR for one in session.events)
     hidden = () if is_other_size or named & set(STARS_FALL_OUT) else tuple(hidden_field(session))
     yield from hidden
     yield from event_findings(session, named)

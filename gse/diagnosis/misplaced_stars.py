@@ -1,16 +1,19 @@
-"""Stars that are not where they are expected: out of place, or hidden by something that stands in the field."""
+"""Stars that are not where they are expected: out of place, hidden in the field, or on a detector of another size."""
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.errors import TruthError
+from gse.errors import TruthError, UsageError
+from gse.imaging.camera_fit import Calibration, StarField, calibrate
+from gse.station.camera_watch import ROUND_PX, other_size_in_words
 from gse.station.columns import STATUSES
 from gse.station.events import Finding
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import xy_px_of
+from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.results import Status
 from gse.station.session_data import SessionData, middle_instant_ns
 from gse.station.setup import catalog_of
@@ -18,8 +21,10 @@ from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.counted_frames import CountedFrames
 from gse.truth import SiderealTruth, horizon_to_sensor
 from gse.values.attitude import Attitude
+from gse.values.constants import ARCSEC_RAD
 from gse.values.matrices import product
 
+ENTER_CAMERA = "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it"
 _LOW_DEG = 10.0
 """At an altitude of 10 deg air lifts stars by 5 arcmin, at 30 deg by 1.7: a field holds both."""
 _FEWEST_ANSWERED = 5
@@ -197,3 +202,59 @@ def _one_sided(
     if missing[: seen[len(seen) // 2]].sum() >= _BRIGHTER:
         chance *= _CHANCE / _CHANCE_OF_BRIGHT
     return towards, gone, count, chance
+
+
+# A detector of another size, under which some panoramas are identified all the same.
+#
+# Its middle is not that of the stated one, and with the middle the principal point moves: stars show where that is, as
+# the scale of a pinhole grows with the distance from it. No object lies beyond the side that follows, and the outermost
+# lie near it. gse.station.camera_watch finds the size where nothing is identified.
+
+_FITTED_FRAMES = 40
+_SIZE_SIGMAS = 3.0
+"""A side is twice as uncertain as the principal point."""
+_EMPTY_EDGE = 1.25
+"""Largest ratio of a side to what its objects reach."""
+
+
+def other_size(session: SessionData, counted: CountedFrames) -> Finding | None:
+    """That the detector has another size, where the identified stars and the places of all objects show it."""
+    camera, frames = session.station.sensor.camera(), session.frames
+    places_px = [xy_px_of(table) for table in (frames.matches, frames.others) if len(table)]
+    if not places_px:
+        return None
+    reach_px = np.concatenate(places_px).max(axis=0)
+    sides = np.array([camera.columns, camera.rows])
+    is_other = (reach_px < sides - ROUND_PX / 2) | (reach_px > sides)
+    if not is_other.any() or (fit := _fitted_camera(session, counted)) is None:
+        return None
+    fitted = 2 * np.array(fit.camera.principal_point_px) + 1
+    usual = np.rint(fitted / ROUND_PX) * ROUND_PX
+    found = np.where(np.abs(usual - fitted) < _SIZE_SIGMAS * 2 * np.array(fit.sigma[1:3]), usual, np.rint(fitted))
+    is_other &= np.abs(found - fitted) < np.abs(sides - fitted)
+    found = np.where(is_other, found, sides)
+    fits = (reach_px < found + 0.5) & (found < _EMPTY_EDGE * (reach_px + 1))
+    if "principal point" in fit.held or not is_other.any() or not fits[is_other].all():
+        return None
+    (columns, rows), (x, y) = found.astype(int).tolist(), np.where(is_other, (found - 1) / 2, camera.principal_point_px)
+    resized = replace(camera, columns=columns, rows=rows, principal_point_px=(float(x), float(y)))
+    size = other_size_in_words(camera, resized, reach_px)
+    equals = ("a principal point that is off by as much",)
+    return Finding("detector size", size, equals, ENTER_CAMERA, is_gross=True)
+
+
+def _fitted_camera(session: SessionData, counted: CountedFrames) -> Calibration | None:
+    """The camera that the stars of some answers fit; None where they are too few."""
+    camera, matches = session.station.sensor.camera(), session.frames.matches
+    rows = np.flatnonzero(counted.answered & ~counted.false)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _FITTED_FRAMES).astype(np.int64))] if len(rows) else rows
+    matches = matches.compress(matches["named"] & np.isin(matches["frame"], rows))
+    xy_px, stars = xy_px_of(matches), matches["star"].astype(np.int64)
+    seen = camera.directions(xy_px)
+    seen[:, :2] -= residuals_of(matches) * ARCSEC_RAD
+    parts = np.flatnonzero(np.diff(matches["frame"])) + 1
+    columns = zip(*(np.split(column, parts) for column in (xy_px, seen, stars)), strict=True)
+    try:
+        return calibrate(camera, [StarField(*of_frame) for of_frame in columns])
+    except (UsageError, ValueError):  # too few, or all on one line
+        return None

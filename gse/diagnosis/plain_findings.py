@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
 from gse.diagnosis.late_frames import CRYSTAL_PPM
-from gse.diagnosis.misplaced_stars import FALLEN_OUT_SHARE
+from gse.diagnosis.misplaced_stars import ENTER_CAMERA, FALLEN_OUT_SHARE
 from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, Finding, StationKind
@@ -249,7 +249,6 @@ def _fades(transparency: NDArray[np.float32]) -> bool:
 _FEWEST_DRIFTING = 10
 _ENOUGH = 2
 """Times the stars that an answer needs: a catalogue that holds so many of the field is not short of stars."""
-_ENTER_CAMERA = "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it"
 _EQUALS_OF_EVENT: dict[str, tuple[str, ...]] = {
     StationKind.WRONG_CAMERA: ("distortion of the lens",),
     StationKind.MIRRORED: ("x and y exchanged (in the protocol description, or by the sensor)",),
@@ -270,7 +269,7 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
             size = f"the host's UTC clock ran away from its monotonic one by {away_s:+.3f} s, a little with each frame"
             yield Finding("clock drift", size, (), "see whether the clock is synchronised: gse preflight")
     known = (
-        (StationKind.WRONG_DETECTOR, "detector size", _ENTER_CAMERA),
+        (StationKind.WRONG_DETECTOR, "detector size", ENTER_CAMERA),
         (StationKind.CLOCK_STEP, "clock step", "synchronise the clock before the session: gse preflight"),
         (
             StationKind.MIRRORED,
@@ -280,7 +279,7 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
         (
             StationKind.WRONG_CAMERA,
             "focal length",
-            _ENTER_CAMERA,
+            ENTER_CAMERA,
         ),
         (
             LinkKind.NOT_RUN,

@@ -44,7 +44,7 @@ _USED = 0.9
 """Objects that stay within this share of the rows or columns show a smaller detector, if its camera fits the stars."""
 _SHARES = tuple(Fraction(share) for share in ("1/4", "1/3", "1/2", "2/3", "3/4", "4/3", "3/2", "2", "3", "4"))
 _EMPTY_EDGE = 1.25
-_ROUND_PX = 64
+ROUND_PX = 64
 """Sides of a detector that is no simple share of the stated one are mostly multiples of this."""
 _CLEARLY_MORE = 1.2
 """What hides a part of the field also keeps all objects in a corner: but then the stated camera names as many stars."""
@@ -126,8 +126,7 @@ class CameraWatch:
                 stated = find_camera(panoramas, self._camera, catalog)
                 if stated is not None and found.stars < _CLEARLY_MORE * stated.stars:
                     continue
-            text = f"{self._place_of_objects()}; {_size_in_words(self._camera, found.camera)}"
-            return StationKind.WRONG_DETECTOR, text
+            return StationKind.WRONG_DETECTOR, other_size_in_words(self._camera, found.camera, self._reach_px)
         return self._larger()
 
     def _larger(self) -> Said | None:
@@ -136,14 +135,7 @@ class CameraWatch:
             return None
         columns, rows = (_side(*one) for one in zip(_sides(self._camera), self._reach_px.tolist(), strict=True))
         size = f"sensor.columns may be {columns}, and sensor.rows {rows}"
-        return StationKind.WRONG_DETECTOR, f"{self._place_of_objects()}: {size}"
-
-    def _place_of_objects(self) -> str:
-        x, y = self._reach_px.tolist()
-        return (
-            f"objects lie at x up to {x:.0f} and y up to {y:.0f} px, and the station file states "
-            f"{self._camera.columns} columns and {self._camera.rows} rows"
-        )
+        return StationKind.WRONG_DETECTOR, f"{_place_of_objects(self._camera, self._reach_px)}: {size}"
 
     def _answers(self, panoramas: Sequence[Panorama], camera: Camera, source: StarCatalog) -> bool:
         """Whether the identifier under test answers with a camera; a program of somebody else is not asked again."""
@@ -165,7 +157,7 @@ def _side(stated: int, reach_px: float) -> int:
         return stated
     shares = (int(stated * share) for share in _SHARES)
     fitting = (side for side in shares if reach <= side <= _EMPTY_EDGE * reach)
-    return next(fitting, math.ceil(reach / _ROUND_PX) * _ROUND_PX)
+    return next(fitting, math.ceil(reach / ROUND_PX) * ROUND_PX)
 
 
 def _resized(stated: Camera, reach_px: NDArray[np.float64]) -> Iterator[Camera]:
@@ -184,7 +176,16 @@ def _resized(stated: Camera, reach_px: NDArray[np.float64]) -> Iterator[Camera]:
         yield replace(same, focal_length_px=stated.focal_length_px * columns / stated.columns)
 
 
-def _size_in_words(stated: Camera, fitted: Camera) -> str:
+def _place_of_objects(stated: Camera, reach_px: NDArray[np.float64]) -> str:
+    x, y = reach_px.tolist()
+    return (
+        f"objects lie at x up to {x:.0f} and y up to {y:.0f} px, and the station file states "
+        f"{stated.columns} columns and {stated.rows} rows"
+    )
+
+
+def other_size_in_words(stated: Camera, fitted: Camera, reach_px: NDArray[np.float64]) -> str:
+    """Where objects lie at most, x and y (2,), and the camera that the stars fit."""
     parts = [f"sensor.columns: {fitted.columns}", f"sensor.rows: {fitted.rows}"]
     if fitted.principal_point_px != stated.principal_point_px:
         x, y = fitted.principal_point_px
@@ -193,7 +194,7 @@ def _size_in_words(stated: Camera, fitted: Camera) -> str:
         parts.append(f"sensor.focal_length_px: {fitted.focal_length_px:.1f}")
     if fitted.mirrored != stated.mirrored:
         parts.append(f"sensor.mirrored: {str(fitted.mirrored).lower()}")
-    return f"the stars fit {', '.join(parts)}"
+    return f"{_place_of_objects(stated, reach_px)}; the stars fit {', '.join(parts)}"
 
 
 def _excess(stated: Camera, fitted: Camera) -> float:

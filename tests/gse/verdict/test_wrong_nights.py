@@ -98,7 +98,7 @@ def test_an_exact_hit_of_a_mistake_is_named_though_everything_is_vouched_for():
 
 
 @pytest.mark.parametrize("vouched", [True, False])
-@pytest.mark.parametrize("size_px", [2048, 1200, 768])
+@pytest.mark.parametrize("size_px", [2048, 1200, 1080, 768])
 def test_a_detector_of_another_size_is_a_mistake_of_the_set_up(size_px, vouched):
     judged = judge(session(replace(WORLD, size_px=size_px, vouched=vouched), WORLD, SHORT))
     assert judged.verdict is Verdict.INCONCLUSIVE
@@ -106,6 +106,14 @@ def test_a_detector_of_another_size_is_a_mistake_of_the_set_up(size_px, vouched)
     assert f"states {size_px} columns and {size_px} rows" in judged.reasons[0]
     assert "1024" in judged.reasons[0]
     assert judged.findings[0].cause == "detector size"
+
+
+@pytest.mark.parametrize("at", ["stated", "true"])
+def test_a_principal_point_elsewhere_makes_no_other_detector(at):
+    sharp = replace(WORLD, whole_pixels=False, noise_px=0.05)
+    worlds = {"stated": sharp, "true": sharp} | {at: replace(sharp, principal_point_px=(-60.0, 0.0))}
+    found = judge(session(**worlds, plan=SHORT)).findings
+    assert found[0].cause != "detector size"
 
 
 def test_what_an_external_program_adds_itself_is_no_set_up():
