@@ -111,6 +111,8 @@ _OFTEN_STUCK = 0.1
 _RATE_FRAMES = 40
 _RATE_OFF = 0.05
 """A share that no oscillator is off by."""
+_HALVES = 20
+"""Frames wait for no more than so many halves of a stretch."""
 _SIGMAS = 5.0
 _MAD, _OF_MEDIAN = 1.4826, 1.2533
 """Standard deviation of normal numbers in their median deviation, and error of their median in that of their mean."""
@@ -162,6 +164,8 @@ def _rate(frames: Columns) -> Iterator[str]:
     host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
     regular = np.flatnonzero((tags_s > 0) & (host_s > np.median(host_s) / 2))
     blocks = regular[: len(regular) // _RATE_FRAMES * _RATE_FRAMES].reshape(-1, _RATE_FRAMES)
+    if not len(blocks):
+        return
     off = _off(tags_s[blocks] / host_s[blocks])
     # An adapter that hands over its bytes in groups gives several frames one stamp, and others the double time: over
     # the whole stretch its stamps are right.
@@ -169,11 +173,19 @@ def _rate(frames: Columns) -> Iterator[str]:
     sensor_s, watched_s = (np.diff(times[ends], axis=1)[:, 0] for times in (_since(tags_s), _since(host_s)))
     whole = sensor_s / np.maximum(watched_s, 1e-9) - 1
     off = np.where(np.abs(whole) < np.abs(off), whole, off)
-    if len(off) and np.abs(off).max() > _RATE_OFF:
-        worst = int(np.abs(off).argmax())
-        when = to_text(int(frames["host_utc_ns"][blocks[worst, 0]]), 1)
-        how = "fast" if off[worst] > 0 else "slow"
-        yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"
+    # Frames that wait in a queue, and come together afterwards, bring tags that are right: what waited least before and
+    # after the stretch has lost or gained nothing. A clock that ran away stays away.
+    least_s = (_since(host_s) - _since(tags_s))[blocks.reshape(2 * len(blocks), -1)].min(axis=1)
+    for worst in np.argsort(-np.abs(off), kind="stable").tolist():
+        if abs(off[worst]) <= _RATE_OFF:
+            return
+        middle = 2 * worst + 1
+        before_s, after_s = least_s[max(middle - _HALVES, 0) : middle].min(), least_s[middle : middle + _HALVES].min()
+        if abs(before_s - after_s) > _RATE_OFF / 4 * sensor_s[worst]:
+            when = to_text(int(frames["host_utc_ns"][blocks[worst, 0]]), 1)
+            how = "fast" if off[worst] > 0 else "slow"
+            yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"
+            return
 
 
 def _since(steps_s: NDArray[np.float64]) -> NDArray[np.float64]:

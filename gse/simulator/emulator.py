@@ -148,6 +148,8 @@ class PortEndpoint:
 
 
 _LONGEST_WAIT_S = 0.1
+_LATEST_NS = 50_000_000
+"""An exposure that ended longer ago is missing: a slow computer sends fewer frames, none of them later than this."""
 _PIECE_NS = 8_000_000
 """How often the line is served while bytes are on it."""
 
@@ -170,7 +172,8 @@ class Emulator:
             data = self._endpoint.wait(self._wait_s())
             if data:
                 self._put(self._firmware.command(self._heard(data), self._now_ns()))
-            while (due_ns := self._firmware.due_ns) is not None and due_ns <= self._now_ns() and not stop():
+            self._firmware.miss(self._now_ns() - _LATEST_NS)
+            if (due_ns := self._firmware.due_ns) is not None and due_ns <= self._now_ns():
                 self._put(self._firmware.step())
             while self._line and self._line[0][0] <= self._now_ns():
                 _, piece, baudrate = self._line.popleft()

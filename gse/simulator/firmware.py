@@ -157,6 +157,15 @@ class SensorFirmware:
             dues.append(self._next_start_ns + self._exposure_ns)
         return min(dues, default=None)
 
+    def miss(self, until_ns: int) -> None:
+        """Leave out the exposures that end before an instant, which nobody was there to make; their numbers miss."""
+        if self._next_start_ns is None or self._period_s is None:
+            return
+        period_ns = max(round(self._period_s * NS_PER_S), self._exposure_ns)
+        missed = max(-(-(until_ns - self._next_start_ns - self._exposure_ns) // period_ns), 0)
+        self._next_start_ns += missed * period_ns
+        self._frame_no += missed
+
     def step(self) -> list[Transmission]:
         """Take the next action."""
         due_ns = self.due_ns

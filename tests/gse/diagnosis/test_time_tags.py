@@ -327,3 +327,12 @@ def test_tags_that_run_off_are_a_fault_in_groups_too(share):
     made["host_utc_ns"] = -(-made["host_utc_ns"] // 16_000_000) * 16_000_000
     [line] = faults(made)
     assert "it ran" in line
+
+
+@pytest.mark.parametrize("first", [0, 47, 85, 360])
+def test_a_sensor_whose_frames_wait_and_then_come_together_has_no_fault_of_its_tags(first):
+    """Each is a quarter of a frame later than the one before, forty of them, and then as much earlier."""
+    made = frames(480, 0.02)
+    waits_s = 0.005 * np.concatenate([np.arange(40), np.arange(40, 0, -1)])
+    made["host_utc_ns"][first : first + 80] += np.round(waits_s * NS_PER_S).astype(np.int64)
+    assert faults(made) == ()

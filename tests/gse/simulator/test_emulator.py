@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import serial
 from click.testing import CliRunner
@@ -25,6 +26,7 @@ from gse.simulator.device import detector_of, firmware_of, scenario_of
 from gse.simulator.emulator import READ_BYTES, Emulator, Endpoint, TcpEndpoint
 from gse.simulator.firmware import Detector
 from gse.simulator.pty_endpoint import PtyEndpoint
+from gse.values.instant import NS_PER_S
 from protocols import (
     Ack,
     Command,
@@ -151,6 +153,51 @@ def test_frames_come_in_real_time(detector: Detector) -> None:
             if took_ns == pytest.approx(frames * 5e7, rel=0.5):
                 return
     pytest.fail("never did 20 frames take a second")
+
+
+class Wire:
+    """An endpoint without a station, on a computer so slow that each look at its clock takes more than a period."""
+
+    address = "nowhere"
+
+    def __init__(self, start_ns: int) -> None:
+        self._ns = start_ns
+        self._decoder = FrameDecoder(PROTOCOL)
+        self.heard: list[tuple[float, PanoramaMessage]] = []
+        """Panoramas, and when they were whole, in seconds from the start."""
+        self._start_ns = start_ns
+
+    def now_ns(self) -> int:
+        self._ns += 60_000_000
+        return self._ns
+
+    def wait(self, timeout_s: float) -> bytes:
+        return b""
+
+    def send(self, data: bytes) -> None:
+        found = [PROTOCOL.decode(piece) for piece in self._decoder.feed(data) if isinstance(piece, Frame)]
+        self.heard += [((self._ns - self._start_ns) / NS_PER_S, one) for one in panoramas(found)]
+
+    def is_heard(self) -> bool:
+        return False
+
+    def listening_baud(self) -> None:
+        return None
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_computer_that_is_too_slow_sends_fewer_frames_and_none_of_them_late(detector: Detector) -> None:
+    scenario = scenario_of(OPTIONS, STATION)
+    firmware = firmware_of(STATION, scenario, OPTIONS | {"standby": "no"}, detector, scenario.start_utc_ns)
+    wire = Wire(scenario.start_utc_ns)
+    Emulator(firmware, wire, wire.now_ns, baudrate=BAUDRATE).run(lambda: wire.now_ns() > scenario.start_utc_ns + 30e9)
+    numbers = [panorama.frame_no for _, panorama in wire.heard]
+    assert len(numbers) > 20
+    assert np.diff(numbers).min() > 1
+    late_s = [at_s - panorama.time_us / 1e6 for at_s, panorama in wire.heard]
+    assert np.ptp(late_s) < 0.25
 
 
 def test_a_sensor_that_nobody_listens_to_goes_on_and_sends_fresh_frames_later(detector: Detector) -> None:
