@@ -142,10 +142,11 @@ def exclusion_line(item: dict[str, Any]) -> str:
 
 def incident_line(item: dict[str, Any]) -> str:
     """Something that a reader must know of: when, for how long, and how much."""
-    many = f" in {item['stretches']} stretches" if item["stretches"] > 1 else ""
+    many = f" in {item['frames']} frames" if item["frames"] else ""
+    many += f" in {item['stretches']} stretches" if item["stretches"] > 1 else ""
     until = "" if item["until"] == item["from"] else f" to {item['until'][:19]}Z"
     worst = "" if item["worst_arcsec"] is None else f", up to {_amount(item['worst_arcsec'])} off"
-    return f"{item['subject']}: {item['what']} in {item['frames']} frames{many}, {item['from'][:19]}Z{until}{worst}"
+    return f"{item['subject']}: {item['what']}{many}, {item['from'][:19]}Z{until}{worst}"
 
 
 def external_lines(program: dict[str, Any] | None) -> list[str]:

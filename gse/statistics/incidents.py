@@ -1,20 +1,21 @@
 """What a reader of a session must know of, whatever the verdict: when, how long, how much.
 
-Incidents are stretches in which answers jump by more than a limit, are false, or a fault is reported. Of the stretches
-that are left out it tells how far off the answers in them were.
+Incidents are stretches in which answers jump by more than a limit, are false, a fault is reported, or no frame came. Of
+the stretches that are left out it tells how far off the answers in them were.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.station.columns import STATUSES
-from gse.station.exclusions import excluded
+from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.results import Status, Subject
+from gse.statistics.availability import LONGEST_S
 from gse.statistics.counted_frames import CountedFrames
 from gse.values.axis import CROSS_X, CROSS_Y, D_DE, D_RA_COSDE
 from gse.values.instant import NS_PER_S
@@ -23,6 +24,10 @@ from gse.values.limits import Limits
 MOST_OF_A_KIND = 10
 """Stretches of one kind that have a line each; of more there is one line for all of them."""
 _BRIDGED_NS, _BRIDGED_FRAMES = 3 * NS_PER_S, 1.5
+_PAUSE_STEPS = 10
+"""Times the usual time between frames that a pause lasts at least."""
+_NUMBERED = 0.5
+"""Share of the exposures of a pause whose numbers passed in it, from which on the sensor made them."""
 _FRAMES_OF_A_PART, _MOST_PARTS = 600, 60
 """A jump is told against the median of a part of the session: a mount that drifts does not jump."""
 
@@ -105,6 +110,36 @@ def incidents(
     }
     for what, happened in kinds.items():
         yield from _stretches(subject, what, frames["utc_ns"], order[happened[order]], off_arcsec)
+
+
+def pauses(subject: Subject, frames: Columns, left_out: Iterable[Exclusion]) -> Iterator[Incident]:
+    """Times longer than LONGEST_S without a frame, but for those that a lost port or a wrong clock makes."""
+    if len(frames) < 3:
+        return
+    order = np.argsort(frames["utc_ns"], kind="stable")
+    utc_ns, numbers = frames["utc_ns"][order], frames["frame_no"][order].astype(np.int64)
+    steps_ns = np.diff(utc_ns)
+    usual_ns = max(float(np.median(steps_ns)), 1.0)
+    known = [item for item in left_out if item.cause in (Cause.LINK, Cause.CLOCK_STEP)]
+    found = []
+    for row in np.flatnonzero(steps_ns > max(LONGEST_S * NS_PER_S, _PAUSE_STEPS * usual_ns)).tolist():
+        from_ns, until_ns = int(utc_ns[row]), int(utc_ns[row + 1])
+        if any(item.from_ns <= until_ns and item.until_ns > from_ns for item in known):
+            continue
+        passed = int(numbers[row + 1] - numbers[row])
+        made = passed > _NUMBERED * float(steps_ns[row]) / usual_ns
+        why = f"its numbers went on by {passed}: lost on the way, or not recorded" if made else "the sensor made none"
+        what = f"no frame came for {_seconds(until_ns - from_ns)} ({why if passed > 0 else 'its numbers begin anew'})"
+        found.append(Incident(subject, from_ns, until_ns, what, 0, 1, math.nan))
+    if len(found) <= MOST_OF_A_KIND:
+        yield from found
+    else:
+        what = f"no frame came for {_seconds(sum(one.until_ns - one.from_ns for one in found))} in all"
+        yield Incident(subject, found[0].from_ns, found[-1].until_ns, what, 0, len(found), math.nan)
+
+
+def _seconds(duration_ns: int) -> str:
+    return f"{duration_ns / NS_PER_S:.1f} s"
 
 
 def _usual(errors: NDArray[np.float64]) -> NDArray[np.float64]:

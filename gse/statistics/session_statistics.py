@@ -17,7 +17,7 @@ from gse.station.session_data import SessionData
 from gse.station.star_names import NamedStars, named_stars
 from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.counted_frames import CountedFrames, counted_frames, own_counted
-from gse.statistics.incidents import AnswersWithin, Incident, answers_within, incidents
+from gse.statistics.incidents import AnswersWithin, Incident, answers_within, incidents, pauses
 from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.statistics.sampling import Bounds, Percentiles, error_bounds, root_mean_square_bounds
 from gse.statistics.sensor_convention import ConventionSearch, is_wrong, session_convention
@@ -171,10 +171,13 @@ def statistics(session: SessionData) -> Statistics:
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
         answers_excluded=answers_within(given, frames["utc_ns"]),
-        incidents=tuple(
-            incident
-            for subject, (one, columns) in given.items()
-            for incident in incidents(subject, frames, columns, one, session.station.limits)
+        incidents=(
+            *(
+                incident
+                for subject, (one, columns) in given.items()
+                for incident in incidents(subject, frames, columns, one, session.station.limits)
+            ),
+            *pauses(session.subject, frames, counted.exclusions),
         ),
         own=own,
         own_counted=counted_own,

@@ -9,7 +9,7 @@ from gse.report.terminal import exclusion_line, facts, incident_line
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import AnswerCheck, Status, Subject
-from gse.statistics.incidents import MOST_OF_A_KIND
+from gse.statistics.incidents import MOST_OF_A_KIND, pauses
 from gse.statistics.session_statistics import statistics
 from gse.values.instant import NS_PER_S
 from gse.verdict.assessment import judge
@@ -99,3 +99,52 @@ def test_a_stretch_without_an_answer_says_nothing_of_answers():
     assert statistics(made).answers_excluded == ((),)
     (item,) = summarise(made, judge(made))["exclusions"]
     assert exclusion_line(item) == "100 frames from 2026-03-20T18:30:10Z, operator: cloud"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "why"),
+    [
+        (0, "the sensor made none"),
+        (108_000, "its numbers went on by 108001: lost on the way, or not recorded"),
+        (-1100, "its numbers begin anew"),
+    ],
+)
+def test_a_pause_of_three_hours_has_a_line_with_when_how_long_and_why(numbers, why):
+    made = session(2000)
+    frames = made.frames.columns
+    frames["utc_ns"][1000:] += 10_800 * NS_PER_S
+    frames["frame_no"] = np.maximum(2000 + np.arange(2000) + numbers * (np.arange(2000) >= 1000), 0)
+    (found,) = statistics(made).incidents
+    assert (found.subject, found.frames, found.stretches) == (Subject.ONBOARD, 0, 1)
+    assert (found.from_ns, found.until_ns) == (frames["utc_ns"][999], frames["utc_ns"][1000])
+    assert found.what == f"no frame came for 10800.1 s ({why})"
+    (line,) = [line for line in facts(summarise(made, judge(made))) if line.startswith("seen: ")]
+    assert line == f"seen: onboard: {found.what}, 2026-03-20T18:31:39Z to 2026-03-20T21:31:40Z"
+
+
+@pytest.mark.parametrize(
+    ("step_s", "pause_s", "lines"), [(0.1, 59.0, 0), (0.1, 61.0, 1), (20.0, 150.0, 0), (20.0, 250.0, 1)]
+)
+def test_a_pause_is_a_minute_and_ten_times_as_long_as_the_usual_one(step_s, pause_s, lines):
+    made = session(200, step_s=step_s)
+    made.frames.columns["utc_ns"][100:] += round(pause_s * NS_PER_S)
+    assert len(statistics(made).incidents) == lines
+
+
+@pytest.mark.parametrize("cause", [Cause.LINK, Cause.CLOCK_STEP])
+def test_a_pause_that_is_left_out_already_has_no_second_line(cause):
+    made = session(2000)
+    frames = made.frames.columns
+    frames["utc_ns"][1000:] += 10_800 * NS_PER_S
+    gap = int(frames["utc_ns"][999]), int(frames["utc_ns"][1000])
+    assert list(pauses(Subject.ONBOARD, frames, [Exclusion(*gap, "", cause)])) == []
+    assert len(list(pauses(Subject.ONBOARD, frames, [Exclusion(*gap, "", Cause.NO_SKY)]))) == 1
+
+
+def test_many_pauses_have_one_line():
+    made = session(2000)
+    for row in range(100, 100 * (MOST_OF_A_KIND + 2), 100):
+        made.frames.columns["utc_ns"][row:] += 100 * NS_PER_S
+    (found,) = statistics(made).incidents
+    assert found.stretches == MOST_OF_A_KIND + 1
+    assert found.what == "no frame came for 1101.1 s in all"
