@@ -15,6 +15,7 @@ from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, Finding, StationKind
 from gse.station.exclusions import leapt_clock
 from gse.station.frame_columns import Columns
+from gse.station.frame_table import residuals_of
 from gse.station.results import Status
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
@@ -22,7 +23,7 @@ from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.excuses import air_in_field, only_reference_answers
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.slopes import slope_within
-from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.values.instant import NS_PER_S, to_text
 from gse.values.text import count_text, percent
 
@@ -376,6 +377,15 @@ def _without_answer(session: SessionData) -> Finding:
             ("a fault of the identifier",),
             "point the sensor higher, or let it allow more (identifier.tolerance_px)",
         )
+    tolerance_px = session.station.identifier.tolerance_px
+    if (scatter_px := _scatter_px(session)) > _MOST_SCATTER * tolerance_px:
+        return Finding(
+            "centroid noise",
+            f"{size}identifier does; single stars scatter by {scatter_px:.1f} px about their places, and "
+            f"identifier.tolerance_px is {tolerance_px:g}",
+            ("seeing", "a fault of the identifier"),
+            "see to focus and exposure; or raise identifier.tolerance_px, then: gse report SESSION --station FILE",
+        )
     seen, expected, objects = (
         float(np.median(session.frames.columns[name])) for name in ("stars_seen", "stars_expected", "objects")
     )
@@ -393,6 +403,26 @@ def _without_answer(session: SessionData) -> Finding:
         tuple(equals),
         f"let it know {more_stars}, and try: gse report SESSION --station FILE",
     )
+
+
+_MOST_SCATTER = 0.5
+"""Share of the tolerance: a distance of two stars that scatter by so much each is beyond it in one of six times."""
+
+
+def _scatter_px(session: SessionData) -> float:
+    """By how much each star scatters about its own mean place, an axis; zero where no star is seen often.
+
+    A star that lies off by as much in all frames, as by a distortion, does not scatter.
+    """
+    matches = session.frames.matches
+    if not len(matches):
+        return 0.0
+    _, star, sightings = np.unique(matches["star"], return_inverse=True, return_counts=True)
+    residuals = residuals_of(matches)
+    means = np.column_stack([np.bincount(star, part) for part in residuals.T]) / sightings[:, None]
+    freedom = 2 * float((sightings - 1).sum())
+    scatter = math.sqrt(float(((residuals - means[star]) ** 2).sum()) / max(freedom, 1.0))
+    return scatter * ARCSEC_RAD / session.station.sensor.camera().pixel_rad
 
 
 _DAY_DEG = 1.0

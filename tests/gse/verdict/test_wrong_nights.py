@@ -238,3 +238,11 @@ def test_a_mount_that_turns_is_named_and_no_vibration_beside_it():
     turning = replace(WORLD, moves_arcsec_per_h=(3600.0, 0.0, 0.0))
     told = judge(session(WORLD, turning, replace(PLAN, seconds=200.0)))
     assert [finding.cause for finding in told.findings] == ["mount moves"]
+
+
+@pytest.mark.parametrize(("noise_px", "k1", "cause"), [(1.1, 0.0, "centroid noise"), (0.1, 0.02, "identifier without")])
+def test_an_identifier_that_noise_keeps_from_answering_is_told_from_one_whose_stars_lie_elsewhere(noise_px, k1, cause):
+    stated = replace(WORLD, whole_pixels=False)
+    true = replace(stated, noise_px=noise_px, k1=k1)
+    finding = judge(session(stated, true, SHORT)).findings[0]
+    assert finding.cause.startswith(cause)
