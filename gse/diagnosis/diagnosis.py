@@ -270,9 +270,9 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
         yield focus_finding(loss)
     elif not named:
         yield from most_unmatched(session, stats.counted)
+    yield from wrapped_tags(session)
     for line in time_tag_faults(session.frames.columns, session.events):
         yield Finding("sensor time tag", line.split(": ", 1)[1], (), "ask the maker; gse decode SESSION --explain")
-    yield from wrapped_tags(session)
     if "clock drift" not in named:
         yield from sensor_clock_drift(stats)
     if not (named & set(STARS_FALL_OUT) and stars_fall_out(session.frames.columns, stats.counted.used)):

@@ -498,7 +498,12 @@ def _two_pointings(raw: RawAttitudes, measured: NDArray[np.float64], steady: NDA
     known = steady | is_second
     if is_second.sum() < fewest or known.sum() < _BOTH_SHARE * len(steady):
         return None
-    (turn,) = small_rotations(middle[None], measured[central(measured)])
+    first = measured[central(measured)]
+    (turn,) = small_rotations(middle[None], first)
+    of_first, of_second = (small_rotations(measured[part], one) for part, one in ((steady, first), (is_second, middle)))
+    moved = np.median(np.linalg.norm(np.concatenate([of_first, of_second]), axis=1))
+    if moved > _MOVING_SHARE * length(turn):  # a mount that turns steadily is near to two of its directions
+        return None
     between = f"{angle_text(math.degrees(length(turn)))} apart"
     changes = np.flatnonzero(np.diff(is_second[known]))
     if len(changes) == 1:
@@ -554,6 +559,8 @@ def _time_unit(raw: RawAttitudes, mount: Mount, site: Site) -> Finding | None:
 
 _SECOND_SHARE, _FEWEST_SECOND, _BOTH_SHARE = 0.2, 3, 0.85
 """Least share of the frames that look elsewhere, and of those that look to one of the two: the others are false."""
+_MOVING_SHARE = 0.1
+"""Of the turn between two directions: what holds still lies about each within this; of a ramp, a quarter as far."""
 _FEWEST_STEPS = 5
 _POWER_WITHIN, _STEPS_WITHIN = 0.05, 0.4
 """Of a thousand, to a third of it; steps from frame to frame have the noise of the boresight."""

@@ -13,7 +13,7 @@ from gse.diagnosis.misplaced_stars import ENTER_CAMERA, FALLEN_OUT_SHARE
 from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, Finding, StationKind
-from gse.station.exclusions import leapt_clock
+from gse.station.exclusions import after_restart, leapt_clock
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import residuals_of
 from gse.station.results import Status
@@ -120,9 +120,10 @@ _MAD, _OF_MEDIAN = 1.4826, 1.2533
 
 
 def time_tag_faults(frames: Columns, events: Sequence[LinkEvent]) -> tuple[str, ...]:
-    """A line for each kind of fault in frames (rows of FRAME, in order of arrival); leaps alone without host times."""
+    """A line for each kind of fault in frames (rows of FRAME, as they came); without host times leaps and restarts."""
     if len(frames) < 3 or not (frames["host_utc_ns"] > 0).all():
-        return tuple(f"sensor time tag: {item.reason}" for item in leapt_clock(frames))
+        left_out = (*leapt_clock(frames), *after_restart(events, frames))
+        return tuple(f"sensor time tag: {item.reason}" for item in left_out)
     return (*_stuck(frames), *_leaps(frames, events), *_rate(frames))
 
 

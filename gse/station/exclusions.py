@@ -4,6 +4,7 @@ The sky, the link, the clock and the mount may be a cause, the answers never: a 
 whatever the time of its frame.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -96,8 +97,10 @@ def mount_touched(events: Iterable[LinkEvent]) -> Iterator[Exclusion]:
 def exclusions(events: Iterable[LinkEvent], frames: Columns) -> tuple[Exclusion, ...]:
     """Frames around each step of the clock, as either clock stamps them, and frames that waited in a buffer.
 
-    In a capture without the host's stamps: frames after a leap of the sensor's clock. ``frames`` are rows of FRAME.
+    In a capture without the host's stamps: frames after a leap of the sensor's clock, or after a restart of it.
+    ``frames`` are rows of FRAME.
     """
+    events = tuple(events)
     steps = clock_steps(events)
     stretches = clock_stretches(frames["host_utc_ns"], steps)
     return (
@@ -105,7 +108,37 @@ def exclusions(events: Iterable[LinkEvent], frames: Columns) -> tuple[Exclusion,
         *(_wrong_clock(frames, item) for item in stretches if item.is_wrong and item.until > item.first),
         *_late_starts(frames, first_rows(frames["host_utc_ns"], steps)),
         *leapt_clock(frames),
+        *after_restart(events, frames),
     )
+
+
+_OFF_S, _OFF_SCATTERS, _LOOKS = 1.0, 5.0, 9
+"""Times are off after a restart if the stars say so, by more than so many times what so many answers scatter by."""
+
+
+def after_restart(events: Iterable[LinkEvent], frames: Columns) -> Iterator[Exclusion]:
+    """What follows a restart in a capture that has its times by the sensor's clock, where the stars show them off.
+
+    They go on after a restart as if no time had passed; how long it took nothing but the stars tells.
+    """
+    restarts_ns = [event.utc_ns for event in events if event.kind == StationKind.SENSOR_RESET]
+    known = np.flatnonzero(np.isfinite(frames["ra_deg"]))
+    if not restarts_ns or not len(known) or (frames["host_utc_ns"] > 0).any():
+        return
+    utc_ns = frames["utc_ns"][known]
+    ahead_rad = np.radians(frames["ra_deg"][known]) - EARTH_RATE_RAD_PER_S * (utc_ns - utc_ns[0]) / NS_PER_S
+    ahead_s = (np.remainder(ahead_rad - ahead_rad[0] + math.pi, 2 * math.pi) - math.pi) / EARTH_RATE_RAD_PER_S
+    before_s = ahead_s[: max(int(np.searchsorted(utc_ns, restarts_ns[0])), 1)][-_LOOKS:]
+    for restart_ns in restarts_ns:
+        after_s = ahead_s[np.searchsorted(utc_ns, restart_ns, side="right") :][:_LOOKS]
+        if not len(after_s):
+            return
+        off_s = float(np.median(after_s) - np.median(before_s))
+        if abs(off_s) > max(_OFF_S, _OFF_SCATTERS * float(before_s.std())):
+            reason = "the sensor started anew, and this capture has its times by it: by the stars they are "
+            reason += f"{abs(off_s):.0f} s {'early' if off_s > 0 else 'late'} from then on"
+            yield Exclusion(restart_ns, int(utc_ns.max()) + 1, reason, Cause.CLOCK_STEP, abs(off_s))
+            return
 
 
 _LEAST_LEAP_S, _LEAST_STEPS = 5.0, 10

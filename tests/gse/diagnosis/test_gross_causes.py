@@ -223,6 +223,14 @@ def test_a_mount_that_was_moved_once_is_told_with_the_time():
     assert finding.size.startswith("before ")
 
 
+def test_a_mount_that_turns_steadily_was_not_moved_once():
+    """By 0.5 deg of roll: half of the answers lie near to a first direction, and half to a second one."""
+    raw = attitudes(MUNICH, MOUNT, frames=15)
+    turns = Rotation.from_rotvec(np.outer(np.linspace(0, np.radians(0.5), 15), [0, 0, 1])).as_matrix()
+    cause = gross_cause(replace(raw, icrs_to_sensor=turns @ raw.icrs_to_sensor), MUNICH, MOUNT, TABLE)
+    assert cause is None or cause.finding.cause != "slip of the mount"
+
+
 def test_a_single_answer_elsewhere_is_a_false_one():
     assert switched(4) is None
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
+from drivers.chunk import LinkEvent
 from gse.diagnosis.plain_findings import _off, often_stand_still, time_tag_faults, wrapped_tags
 from gse.station.columns import FRAME
 from gse.station.events import ClockStep, StationKind
-from gse.station.exclusions import leapt_clock
+from gse.station.exclusions import after_restart, excluded, leapt_clock
 from gse.values.instant import NS_PER_S, from_text
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -59,6 +60,37 @@ def capture(leap_s, at=100, *, pause_s=0.0, late=0, missing=0):
     made["ra_deg"], made["de_deg"] = (350 + sky_s * 360 / 86_164) % 360, -40.0
     made["host_utc_ns"] = 0
     return made
+
+
+def restart(made, at=100, lost_s=0.5):
+    """The sensor starts anew before a frame, to which the capture gives the time of the one before."""
+    made["utc_ns"][at:] -= round(lost_s * NS_PER_S)
+    return LinkEvent(int(made["utc_ns"][at - 1]), 0, StationKind.SENSOR_RESET, "the sensor started anew")
+
+
+@pytest.mark.parametrize(
+    ("lost_s", "words"),
+    [(0.5, []), (0.9, []), (1.1, ["1 s early"]), (30.0, ["30 s early"]), (-3.0, ["3 s late"])],
+)
+def test_after_a_restart_a_capture_knows_its_times_by_the_stars_alone(lost_s, words):
+    made = capture(0.0, pause_s=max(lost_s - 0.5, 0.0))
+    event = restart(made, lost_s=lost_s)
+    left_out = list(after_restart([event], made))
+    told = [item.reason.split("by the stars they are ")[1] for item in left_out]
+    assert told == [f"{word} from then on" for word in words]
+    assert [f"sensor time tag: {item.reason}" for item in left_out] == list(faults(made, [event]))
+    assert [excluded(made["utc_ns"], [item]).sum() for item in left_out] == [101] * len(words)
+    assert list(after_restart([], made)) == []
+    made["host_utc_ns"] = made["utc_ns"]
+    assert list(after_restart([event], made)) == []
+
+
+def test_times_that_restarts_move_little_by_little_are_off_from_where_a_second_is_full():
+    made = capture(0.0)
+    events = [restart(made, at, 0.4) for at in range(20, 200, 20)]
+    (item,) = after_restart(events, made)
+    assert item.reason.endswith("by the stars they are 1 s early from then on")
+    assert item.from_ns == events[2].utc_ns
 
 
 @pytest.mark.parametrize("leap_s", [20.0, 3600.0, 36_000.0])
