@@ -25,7 +25,7 @@ from pathlib import Path
 
 import astropy.units as u
 import numpy as np
-from astropy.coordinates import AltAz, EarthLocation, SkyCoord
+from astropy.coordinates import FK5, AltAz, EarthLocation, SkyCoord
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 
@@ -353,6 +353,44 @@ def tree(per_s: float) -> Callable[[np.ndarray, float], np.ndarray]:
     return lambda xy_px, time_s: xy_px[:, 0] < per_s * time_s * SIZE_PX
 
 
+def own_as(angles: Callable[[float, float, float], tuple[float, float, float]]) -> Meddle:
+    """The sensor states its own RA, DE and roll otherwise."""
+    return each(lambda one: setattr(one, "own_deg", list(angles(*one.own_deg or (0.0, 0.0, 0.0)))))
+
+
+def of_date(ra: float, de: float, roll: float) -> tuple[float, float, float]:
+    """Of the equinox of 2026.2, by astropy's precession."""
+    here = SkyCoord(ra * u.deg, de * u.deg, frame="icrs")
+    up = here.directional_offset_by(roll * u.deg, 1 * u.arcmin)
+    here, up = (one.transform_to(FK5(equinox="J2026.2")) for one in (here, up))
+    return here.ra.deg, here.dec.deg, here.position_angle(up).deg
+
+
+def scattered(frames: Frames, rng: np.random.Generator) -> None:
+    """The sensor's own answers have a noise of 100 arcsec in declination."""
+    for one in frames:
+        one.own_deg[1] += rng.normal(0, 100 / 3600)
+
+
+def restarted(frames: Frames, rng: np.random.Generator) -> Frames:
+    """The sensor is silent from 100 to 130 s, and then its clock and its numbers begin anew."""
+    kept = [one for one in frames if not 100 <= one.time_s < 130]
+    late = [one for one in kept if one.time_s >= 130]
+    first_s, first = late[0].time_s, late[0].number
+    for one in late:
+        one.time_s, one.number = one.time_s - first_s, one.number - first
+    return kept
+
+
+def in_pairs(frames: Frames, rng: np.random.Generator) -> Frames:
+    """Of two frames the later one comes first."""
+    return [frames[k ^ 1] for k in range(len(frames))]
+
+
+def in_a_corner(one: Frame) -> bool:
+    return bool((np.hypot(*(one.xy_px - 511.5).T) > 600).any())
+
+
 def set_attribute(name: str, value: Callable[[Frame], object]) -> Meddle:
     return each(lambda one: setattr(one, name, value(one)))
 
@@ -397,6 +435,12 @@ NIGHTS = (
     Night("answers alone, vouched, azimuth +0.3 deg", (FAIL,), ANY, {"azimuth_deg": 40.3}, True, own=True, alone=True),
     Night("answers alone, 12 of them 25' off", (FAIL,), OWN_FALSE, own=True, alone=True,
           meddle=own_off(lambda one: one.number % 33 == 5, 25)),
+    Night("own answers off while a star is in a corner", (FAIL,), OWN_FALSE, own=True, meddle=own_off(in_a_corner, 25)),
+    Night("own noise of 100 arcsec", (FAIL,), "sensor noise", own=True, meddle=scattered),
+    Night("own answers of date", SET_UP, "sensor convention", own=True, meddle=own_as(of_date)),
+    Night("own RA in hours", SET_UP, "sensor convention", own=True, meddle=own_as(lambda a, d, r: (a / 15, d, r))),
+    Night("own roll to the west", SET_UP, "sensor convention", own=True, meddle=own_as(lambda a, d, r: (a, d, -r))),
+    Night("own DE of the other sign", (FAIL,), "sensor bias", own=True, meddle=own_as(lambda a, d, r: (a, -d, r))),
     # 2 and 3. Identifiers and panoramas.
     Night("an identifier that never answers", (FAIL,), ANY, frames=120, command="python3 {folder}/never.py"),
     Night("3 % of the panoramas of another sky", (FAIL,), r"another sky or reason:false answers",
@@ -445,6 +489,13 @@ NIGHTS = (
           meddle=each(lambda one: setattr(one, "time_s", one.time_s / 1000))),
     Night("the sensor's clock is set on by an hour", SET_UP, "sensor time tag",
           meddle=each(lambda one: setattr(one, "time_s", one.time_s + 3600 * (one.time_s > 100)))),
+    Night("a restart of 30 s, vouched", SET_UP, "sensor time tag", vouched=True, frames=600, meddle=restarted),
+    Night("frames in pairs exchanged", SET_UP, "sensor time tag", meddle=in_pairs),
+    Night("a roll that drifts by 0.5 deg", SET_UP, "mount moves", turn_arcsec=lambda s: (0.0, 0.0, 9 * s)),
+    Night("x and y exchanged in a tenth of the frames", (FAIL,), "mirrored image",
+          meddle=each(lambda one: setattr(one, "xy_px", one.xy_px[:, :: -1 if one.number % 10 == 4 else 1].copy()))),
+    Night("ten objects a frame, all as bright", (PASS, OPEN), "none",
+          meddle=each(lambda one: vars(one).update(xy_px=one.xy_px[:10], index=np.minimum(one.index[:10], 900.0)))),
     Night("two thirds of the field behind a wall", (OPEN, FAIL, PASS), "obstruction", hidden=wall(0.67)),
     Night("four fifths of the field behind a wall", (OPEN, FAIL), "obstruction", hidden=wall(0.8)),
     Night("a third of the field behind a wall", (PASS, OPEN), "obstruction", hidden=wall(0.35)),

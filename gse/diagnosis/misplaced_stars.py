@@ -213,6 +213,8 @@ def _one_sided(
 _FITTED_FRAMES = 40
 _SIZE_SIGMAS = 3.0
 """A side is twice as uncertain as the principal point."""
+_LEAST_OTHER_PX = 32
+"""Air that is taken off about a wrong zenith moves the stars as a side that is 16 px longer or shorter does."""
 _EMPTY_EDGE = 1.25
 """Largest ratio of a side to what its objects reach."""
 
@@ -231,7 +233,7 @@ def other_size(session: SessionData, counted: CountedFrames) -> Finding | None:
     fitted = 2 * np.array(fit.camera.principal_point_px) + 1
     usual = np.rint(fitted / ROUND_PX) * ROUND_PX
     found = np.where(np.abs(usual - fitted) < _SIZE_SIGMAS * 2 * np.array(fit.sigma[1:3]), usual, np.rint(fitted))
-    is_other &= np.abs(found - fitted) < np.abs(sides - fitted)
+    is_other &= (np.abs(found - fitted) < np.abs(sides - fitted)) & (np.abs(found - sides) >= _LEAST_OTHER_PX)
     found = np.where(is_other, found, sides)
     fits = (reach_px < found + 0.5) & (found < _EMPTY_EDGE * (reach_px + 1))
     if "principal point" in fit.held or not is_other.any() or not fits[is_other].all():

@@ -108,10 +108,10 @@ def test_a_detector_of_another_size_is_a_mistake_of_the_set_up(size_px, vouched)
     assert judged.findings[0].cause == "detector size"
 
 
-@pytest.mark.parametrize("at", ["stated", "true"])
-def test_a_principal_point_elsewhere_makes_no_other_detector(at):
+@pytest.mark.parametrize(("at", "off_px"), [("stated", -60.0), ("true", -60.0), ("true", -10.0)])
+def test_a_principal_point_elsewhere_makes_no_other_detector(at, off_px):
     sharp = replace(WORLD, whole_pixels=False, noise_px=0.05)
-    worlds = {"stated": sharp, "true": sharp} | {at: replace(sharp, principal_point_px=(-60.0, 0.0))}
+    worlds = {"stated": sharp, "true": sharp} | {at: replace(sharp, principal_point_px=(off_px, 0.0))}
     found = judge(session(**worlds, plan=SHORT)).findings
     assert found[0].cause != "detector size"
 
