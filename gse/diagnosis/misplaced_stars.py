@@ -222,10 +222,10 @@ _EMPTY_EDGE = 1.25
 def other_size(session: SessionData, counted: CountedFrames) -> Finding | None:
     """That the detector has another size, where the identified stars and the places of all objects show it."""
     camera, frames = session.station.sensor.camera(), session.frames
-    places_px = [xy_px_of(table) for table in (frames.matches, frames.others) if len(table)]
-    if not places_px:
+    objects = [table for table in (frames.matches, frames.others) if len(table)]
+    if not objects:
         return None
-    reach_px = np.concatenate(places_px).max(axis=0)
+    reach_px = np.array([max(float(table[axis].max()) for table in objects) for axis in ("x_px", "y_px")])
     sides = np.array([camera.columns, camera.rows])
     is_other = (reach_px < sides - ROUND_PX / 2) | (reach_px > sides)
     if not is_other.any() or (fit := _fitted_camera(session, counted)) is None:
