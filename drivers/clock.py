@@ -1,9 +1,10 @@
 """The host clock: the time of an instant, with the kernel's word on how good it is."""
 
 import ctypes
+import functools
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 _SAME_INSTANT_NS = 100_000
@@ -108,13 +109,20 @@ def _reading(utc_ns: int, mono_ns: int, state: int, timex: _Timex) -> ClockReadi
 
 
 def _adjtimex() -> tuple[int, _Timex] | None:
-    try:
-        call = ctypes.CDLL(None, use_errno=True).adjtimex
-    except (AttributeError, OSError, TypeError):
+    if (call := _adjtimex_call()) is None:
         return None
     timex = _Timex()
     state = int(call(ctypes.byref(timex)))
     return None if state < 0 else (state, timex)
+
+
+@functools.cache
+def _adjtimex_call() -> Callable[..., int] | None:
+    """The system's adjtimex, looked up once: each look is a class of its own that only the garbage collector frees."""
+    try:
+        return ctypes.CDLL(None, use_errno=True).adjtimex
+    except (AttributeError, OSError, TypeError):
+        return None
 
 
 def _source(status: int, synchronised: bool) -> str:

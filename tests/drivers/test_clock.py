@@ -1,5 +1,6 @@
 """The health of the host clock."""
 
+import gc
 import sys
 import threading
 import time
@@ -43,6 +44,18 @@ def test_the_kernel_says_what_disciplines_the_clock_and_how_wrong_it_may_be():
     assert 0 <= reading.error_bound_s <= 16.0  # NTP_PHASE_LIMIT
     assert abs(reading.offset_s) < 1
     assert reading.synchronised == (reading.source != "unsynchronised")
+
+
+def test_a_reading_leaves_nothing_that_only_the_garbage_collector_frees():
+    read_clock()
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(100):
+            read_clock()
+        assert gc.collect() < 100
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize(
