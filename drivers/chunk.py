@@ -43,6 +43,7 @@ class LinkKind(StrEnum):
     SENT = "SENT"
     """Bytes that the station sent, in hexadecimal digits: recorded as such on /serial/tx, never as an event."""
     LINE_ERRORS = "LINE_ERRORS"
+    LINE_FULL = "LINE_FULL"
     OTHER_END = "OTHER_END"
     PASSING = "PASSING"
     FAULT = "FAULT"

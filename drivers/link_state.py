@@ -29,6 +29,10 @@ _IN_INTERVALS = 2
 SAMPLE_BYTES = 4096
 FEW_VALUES = 16
 """A line read with a much too high baud rate gives few byte values, a frame of any protocol many more."""
+LOAD_S = 5.0
+"""Stretch over which the bytes of a line are counted: an adapter that holds bytes back for 16 ms changes little."""
+_FULL, _BEYOND = 0.95, 1.03
+"""Shares of what a line carries: clocks of two ends differ by 2 %, and what carries more than that is no such line."""
 _NO_START = {"no sync", "truncated"}
 _SYNCING = LinkKind.SYNCING  # a look into an enumeration takes a fifth of the time of a chunk here
 _BYTES_COME = (LinkKind.SYNCING, LinkKind.STREAMING)
@@ -39,16 +43,23 @@ class LinkMonitor:
 
     Each call returns the changes of state as events with their times; also ``SILENT`` once per silence, and
     ``NO_FRAMES`` with the probable cause once per stretch of unreadable bytes. ``explain`` says what some such bytes
-    are, as far as they tell.
+    are, as far as they tell. Of a line that carries ``bytes_per_s``, ``LINE_FULL`` comes once, where valid frames come
+    as fast as that in two stretches of LOAD_S that follow each other: the first may have bytes that waited before it.
     """
 
     def __init__(
-        self, baudrate: int, silence_s: float = SILENCE_S, *, explain: Callable[[bytes], str] = lambda sample: ""
+        self,
+        baudrate: int,
+        silence_s: float = SILENCE_S,
+        *,
+        explain: Callable[[bytes], str] = lambda sample: "",
+        bytes_per_s: float | None = None,
     ) -> None:
         self.state = UNKNOWN
         self._baudrate = baudrate
         self._silence_ns = round(silence_s * NS_PER_S)
         self._explain = explain
+        self._load = None if bytes_per_s is None else _Load(bytes_per_s)
         self._frames_ns: deque[int] = deque(maxlen=_LAST_FRAMES)
         self._utc_minus_mono_ns = 0
         self._now_ns = 0
@@ -72,6 +83,7 @@ class LinkMonitor:
     def received(self, chunk: Chunk, frames: int, reasons: Collection[str]) -> list[LinkEvent]:
         """Process a chunk, the number of valid frames that it completed, and the reasons of its discards."""
         changes = self.pass_time(chunk.utc_ns, chunk.mono_ns)
+        changes += self._weighed(chunk)
         self._bytes_ns = chunk.mono_ns
         if self.state not in _BYTES_COME:
             changes += self._change(LinkKind.SYNCING, chunk.mono_ns, "bytes come")
@@ -95,7 +107,9 @@ class LinkMonitor:
         """
         first = self._steady(chunks, framed)
         completed = set(framed)
-        return [
+        steady = chunks[:first] if self._load else ()
+        full = [(k, change) for k, chunk in enumerate(steady) for change in self._weighed(chunk)]
+        return full + [
             (k, change)
             for k in range(first, len(chunks))
             for change in self.received(chunks[k], k in completed, reasons.get(k, ()))
@@ -149,6 +163,21 @@ class LinkMonitor:
     def _patience_s(self) -> float:
         return self._patience_ns / NS_PER_S
 
+    def _weighed(self, chunk: Chunk) -> list[LinkEvent]:
+        """The event, once, where the line has been full up to a chunk."""
+        if self._load is None:
+            return []
+        carried = self._load.bytes_per_s
+        came = self._load.came(chunk, streams=self.state == LinkKind.STREAMING)
+        if came is None:
+            return []
+        self._load = None
+        text = (
+            f"the line carries {carried:,.0f} bytes/s at {self._baudrate} baud and {came:,.0f} arrive: frames may wait "
+            "or be left out at the sensor; raise the baud rate or send less"
+        )
+        return [LinkEvent(chunk.utc_ns, chunk.mono_ns, LinkKind.LINE_FULL, text)]
+
     def _silence_changes(self, due_ns: int) -> list[LinkEvent]:
         if self.state == LinkKind.STREAMING and self._unframed_bytes == 0:
             return self._change(LinkKind.STALE, due_ns, self._nothing_comes())
@@ -200,3 +229,26 @@ class LinkMonitor:
             f"the baud rate is wrong ({self._baudrate} here), or the protocol is another one; gse preflight tries the "
             "usual rates"
         )
+
+
+class _Load:
+    """Bytes of a line in stretches of LOAD_S, each from a chunk to before one with another stamp."""
+
+    def __init__(self, bytes_per_s: float) -> None:
+        self.bytes_per_s = bytes_per_s
+        self._from_ns = self._bytes = 0
+        self._before: tuple[int, int] | None = None
+        """Time and bytes of the stretch before, where that was full."""
+
+    def came(self, chunk: Chunk, *, streams: bool) -> float | None:
+        """The bytes of a second up to a chunk that ends the second of two full stretches; else None."""
+        took_ns = chunk.mono_ns - self._from_ns
+        if streams and 0 <= took_ns < LOAD_S * NS_PER_S:
+            self._bytes += len(chunk.data)
+            return None
+        carried = self.bytes_per_s * took_ns / NS_PER_S
+        is_full = streams and took_ns > 0 and _FULL * carried <= self._bytes <= _BEYOND * carried
+        this, before = (took_ns, self._bytes), self._before
+        self._before = this if is_full else None
+        self._from_ns, self._bytes = chunk.mono_ns, len(chunk.data)
+        return (this[1] + before[1]) * NS_PER_S / (this[0] + before[0]) if is_full and before else None

@@ -260,6 +260,11 @@ def is_of_an_adapter(url: str) -> bool:
     return is_device(url) or url.lower().startswith("hwgrep://")
 
 
+def has_baud_rate(url: str) -> bool:
+    """Whether bytes from a URL came over a line with the stated baud rate."""
+    return is_of_an_adapter(url) or url.lower().startswith("rfc2217://")
+
+
 def open_port(url: str, baudrate: int, line: LineSettings = PLAIN_LINE) -> serial.Serial:
     """Open a port by its pyserial URL; PortError with reason and advice if that fails."""
     _check(url)

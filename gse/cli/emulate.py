@@ -10,6 +10,7 @@ from click.core import ParameterSource
 
 from drivers.clock import read_clock
 from drivers.ports import is_mock
+from drivers.uart import BITS_PER_BYTE
 from gse.cli import folded
 from gse.cli.options import duration_option, gathered, station_option
 from gse.config.choice import station_of
@@ -157,18 +158,25 @@ def _simulate(
     device = session.device_for(station)
     detector = detector_of(station, session, options)
     # A first exposure, which is not sent, loads catalogue, ephemeris and Earth orientation.
-    detector.expose(session.start_utc_ns, session.exposure_s, session.firmware.temperature_c[0])
+    seen = detector.expose(session.start_utc_ns, session.exposure_s, session.firmware.temperature_c[0])
     began_ns = read_clock().utc_ns
     offset_ns = session.start_utc_ns - began_ns if simulation.start else 0
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns, is_test=True)
     endpoint = open_endpoint(device.port)
     click.echo(endpoint.address)
-    seen = outlook(device, session, "--start-utc chooses a night, --dark leaves the Sun's light out")
-    click.echo(folded(seen, indent=2, err=True), err=True)
+    sky = outlook(device, session, "--start-utc chooses a night, --dark leaves the Sun's light out")
+    click.echo(folded(sky, indent=2, err=True), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
     protocol = load_protocol(device.protocol)
     if not (protocol.test_flag or protocol.has_serial):
         click.echo(folded(_NO_MARK, indent=2, err=True), err=True)
+    carried, needed = device.port.baudrate / BITS_PER_BYTE, firmware.bytes_per_s(seen)
+    if needed > carried:
+        too_much = (
+            f"the line carries {carried:,.0f} bytes/s at {device.port.baudrate} baud, and this sensor has "
+            f"{needed:,.0f} to send: panoramas are left out; lower --rate-hz or raise port.baudrate"
+        )
+        click.echo(folded(too_much, indent=2, err=True), err=True)
     terminal.end_sign()
     try:
         now_ns: Callable[[], int] = lambda: read_clock().utc_ns + offset_ns  # noqa: E731

@@ -301,6 +301,11 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
             "stop no session (kill -STOP), and keep heavy work off this computer",
         ),
         (
+            LinkKind.LINE_FULL,
+            "full line",
+            "raise the baud rate of the sensor and port.baudrate, or let the sensor send less",
+        ),
+        (
             StationKind.TRANSLATED,
             "translated bytes",
             "switch off the setting that it names (stty raw, a raw mode of the bridge) and repeat the session",

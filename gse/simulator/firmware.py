@@ -9,7 +9,7 @@ import contextlib
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Protocol as Interface
 
@@ -156,6 +156,19 @@ class SensorFirmware:
         if self._next_start_ns is not None:
             dues.append(self._next_start_ns + self._exposure_ns)
         return min(dues, default=None)
+
+    def bytes_per_s(self, seen: Exposure) -> float:
+        """What it has to send in a second, beside STATUS, where each panorama has the objects of this exposure."""
+        if self._period_s is None:
+            return 0.0
+        protocol, slots = self._protocol, self._protocol.slots
+        names = [] if self._own_answers is None else ["ATTITUDE"]
+        each = sum(len(protocol.encode_payload(name, protocol.blank(name), 0)) for name in names)
+        if slots:
+            panorama = replace(PanoramaMessage.empty(), xy_px=seen.xy_px[:slots], index=seen.index[:slots])
+            each += len(protocol.encode(panorama, 0))
+        items = sum(len(protocol.encode_payload(name, protocol.blank(name), 0)) for name in self._items.periodic)
+        return each / max(self._period_s, self._exposure_s) + items / self._traits.items_every_s
 
     def miss(self, until_ns: int) -> None:
         """Leave out the exposures that end before an instant, which nobody was there to make; their numbers miss."""

@@ -60,6 +60,7 @@ from drivers.clock import ClockReading
 from drivers.link import ITEMS_AT_ONCE, SerialLink
 from drivers.link_state import LinkMonitor
 from drivers.mock.playback import cut
+from drivers.ports import has_baud_rate
 from gse.errors import TruthError
 from gse.external.answers import Failure, FailureKind
 from gse.identifier import Reason
@@ -328,8 +329,15 @@ class StationLoop:
         self._frame_processor = _frame_processor_of(setup, mount, search)
         self._lists_stars = "STARS" in setup.protocol.types
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude, station.sensor.camera())
-        baudrate = station.port.baudrate
-        self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
+        port = station.port
+        self._monitor = LinkMonitor(
+            port.baudrate,
+            explain=lambda sample: what_fits(sample, setup.protocol, port.baudrate),
+            # A capture without stamps says nothing of how fast its bytes came.
+            bytes_per_s=port.baudrate / port.line.bits_per_byte
+            if has_baud_rate(port.url) and anchor_utc_ns is None
+            else None,
+        )
         self._truth_sought = False
         self._event_log = EventLog()
         stated_mag = station.sensor.zero_point_mag

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -159,7 +160,7 @@ def test_chunks_that_come_together_change_the_state_as_one_by_one(data: st.DataO
     steps_s = st.sampled_from([0, 0.01, 0.1, 1, 2.9, 3, 3.1, 7, 100, -0.1, -50])
     kinds = st.sampled_from(["frame", "frame", "part", "noise"])
     drawn = data.draw(st.lists(st.tuples(steps_s, kinds), max_size=40))
-    together, one_by_one = LinkMonitor(115200), LinkMonitor(115200)
+    together, one_by_one = (LinkMonitor(115200, bytes_per_s=8) for _ in range(2))  # full by a chunk a second
     now_s, chunks, framed, noisy = 1000.0, [], [], {}
     for k, (step_s, kind) in enumerate(drawn):
         now_s += step_s
@@ -189,3 +190,46 @@ def test_a_clock_that_jumps_back_behind_frames_that_came_together_starts_the_sil
     monitor.received_all([chunk(1.5), chunk(2)], [0, 1], {})
     assert monitor.received_all([chunk(1.9)], [], {}) == []
     assert seconds_of(monitor.pass_time(*at(10))) == [("STALE", 4.9)]
+
+
+def filled(share: float, *, of: slice = slice(None), frames: int = 1, bytes_per_s: float | None = 10_000) -> list[str]:
+    """The kinds of events of some chunks of 12 s, which bring this share of what a line carries."""
+    monitor = LinkMonitor(100_000, bytes_per_s=bytes_per_s)
+    chunks = [chunk(k / 100, bytes(round(100 * share))) for k in range(1200)][of]
+    return [event.kind for one in chunks for event in monitor.received(one, frames, ())][2:]
+
+
+@pytest.mark.parametrize(
+    ("share", "is_full"),
+    [(0.5, False), (0.94, False), (0.96, True), (1.0, True), (1.02, True), (1.05, False), (3, False)],
+)
+def test_a_line_is_full_where_as_many_bytes_come_as_it_carries_and_not_more(share: float, is_full: bool) -> None:
+    assert filled(share) == ["LINE_FULL"] * is_full
+    monitor = LinkMonitor(100_000, bytes_per_s=10_000)
+    chunks = [chunk(k / 100, bytes(round(100 * share))) for k in range(1200)]
+    changes = monitor.received_all(chunks, range(1200), {})
+    assert [(k, event.kind) for k, event in changes[2:]] == [(1000, "LINE_FULL")] * is_full
+
+
+def test_a_line_is_not_full_by_a_short_burst_by_noise_nor_without_a_rate() -> None:
+    assert filled(1.0, of=slice(900)) == []
+    assert "LINE_FULL" not in filled(1.0, frames=0)
+    assert filled(1.0, bytes_per_s=None) == []
+
+
+def test_bytes_that_waited_while_the_computer_was_busy_fill_no_line() -> None:
+    """A line that is 90 % full, of which 0.4 s of bytes come at once every 10 s."""
+    monitor = LinkMonitor(100_000, bytes_per_s=10_000)
+    events = []
+    for k in range(6000):
+        late = k % 1000 < 40
+        if not late:
+            data = bytes(90 * 41 if k % 1000 == 40 else 90)
+            events += monitor.received(chunk(k / 100, data), 1, ())
+    assert [event.kind for event in events] == [LinkKind.SYNCING, LinkKind.STREAMING]
+
+
+def test_a_full_line_says_what_it_carries_and_what_came() -> None:
+    monitor = LinkMonitor(100_000, bytes_per_s=10_000)
+    events = [event for k in range(1200) for event in monitor.received(chunk(k / 100, bytes(98)), 1, ())]
+    assert events[-1].text.startswith("the line carries 10,000 bytes/s at 100000 baud and 9,800 arrive: ")

@@ -46,6 +46,7 @@ def told(*events, frames=0, named=()):
         (StationKind.WRONG_CAMERA, "focal length", ("distortion of the lens",), "gse calibrate fits it"),
         (StationKind.WRONG_DETECTOR, "detector size", (), "gse report SESSION --station FILE"),
         (LinkKind.NOT_RUN, "station stopped", (), "stop no session"),
+        (LinkKind.LINE_FULL, "full line", (), "raise the baud rate"),
         (StationKind.NO_STATION, "station file", (), "gse report SESSION --station FILE"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers", (), "gse decode SESSION --explain"),
         (StationKind.FROZEN, "frozen sensor", (), "switch the sensor off and on"),

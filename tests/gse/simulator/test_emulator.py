@@ -14,7 +14,7 @@ import serial
 from click.testing import CliRunner
 from devices.patience import PATIENCE_S
 
-from drivers.chunk import Chunk
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import read_clock
 from drivers.link import SerialLink
 from gse.cli.emulate import command
@@ -22,10 +22,14 @@ from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import UsageError
 from gse.inspection.plausibility import CheckOutcome
 from gse.inspection.preflight import checks
+from gse.sessions.live import Ending, Operator, run_live
+from gse.sessions.replay import replay_session
 from gse.simulator.device import detector_of, firmware_of, scenario_of
 from gse.simulator.emulator import READ_BYTES, Emulator, Endpoint, TcpEndpoint
 from gse.simulator.firmware import Detector
 from gse.simulator.pty_endpoint import PtyEndpoint
+from gse.station.frame_results import FrameResults
+from gse.station.session_data import SessionData
 from gse.values.instant import NS_PER_S
 from protocols import (
     Ack,
@@ -53,13 +57,15 @@ def detector() -> Detector:
 
 
 @contextlib.contextmanager
-def emulated(endpoint: Endpoint, detector: Detector, standby: str = "no") -> Iterator[str]:
+def emulated(
+    endpoint: Endpoint, detector: Detector, standby: str = "no", *, station: Station = STATION, baudrate: int = BAUDRATE
+) -> Iterator[str]:
     """A sensor at work on an endpoint; gives the address to open."""
-    scenario = scenario_of(OPTIONS, STATION)
+    scenario = scenario_of(OPTIONS, station)
     offset_ns = scenario.start_utc_ns - read_clock().utc_ns
-    firmware = firmware_of(STATION, scenario, OPTIONS | {"standby": standby}, detector, scenario.start_utc_ns)
+    firmware = firmware_of(station, scenario, OPTIONS | {"standby": standby}, detector, scenario.start_utc_ns)
     stopped = threading.Event()
-    emulator = Emulator(firmware, endpoint, lambda: read_clock().utc_ns + offset_ns, baudrate=BAUDRATE)
+    emulator = Emulator(firmware, endpoint, lambda: read_clock().utc_ns + offset_ns, baudrate=baudrate)
     thread = threading.Thread(target=emulator.run, args=[stopped.is_set])
     thread.start()
     try:
@@ -287,6 +293,61 @@ def test_a_port_that_is_taken_is_told_with_what_to_do() -> None:
             TcpEndpoint("127.0.0.1", int(endpoint.address.rpartition(":")[2]))
     finally:
         endpoint.close()
+
+
+SLOW_BAUD = 4800
+"""Two frames a second: a computer that is busy for a moment leaves no gap on such a line."""
+
+
+class EndsWhenFull:
+    """Ends a session when its line is full."""
+
+    def __init__(self, ending: Ending) -> None:
+        self._ending = ending
+
+    def on_results(self, results: FrameResults, session: SessionData) -> None:
+        pass
+
+    def on_event(self, event: LinkEvent) -> None:
+        if event.kind == LinkKind.LINE_FULL:
+            self._ending.reason = "the line is full"
+
+
+def full_lines(session: SessionData) -> list[LinkEvent]:
+    return [event for event in session.events if event.kind == LinkKind.LINE_FULL]
+
+
+def test_a_line_that_cannot_carry_the_rate_is_called_full_live_and_in_the_replay(
+    detector: Detector, tmp_path: Path
+) -> None:
+    port = STATION.port.model_copy(update={"baudrate": SLOW_BAUD})
+    slow = STATION.model_copy(update={"port": port})
+    with Ending() as ending, emulated(PtyEndpoint(), detector, station=slow, baudrate=SLOW_BAUD) as address:
+        text = BUILT_IN_TEXT.replace("url: sim://", f"url: {address}\n  baudrate: {SLOW_BAUD}")
+        live = run_live(
+            parse_station(text),
+            text,
+            tmp_path,
+            Operator(ending),
+            make_listeners=lambda loop, folder, live: [EndsWhenFull(ending)],
+            duration_s=PATIENCE_S,
+        )
+    recording = live.folder / "session.mcap"
+    (full,) = full_lines(live.session)
+    assert full.text.startswith("the line carries 480 bytes/s at 4800 baud and 4")
+    assert replay_session(recording).session.events == live.session.events
+    for url in ("socket://127.0.0.1:4000", "sim://"):
+        other = text.replace(f"url: {address}", f"url: {url}")
+        given = parse_station(other), other
+        assert full_lines(replay_session(recording, station=lambda _, given=given: given).session) == []
+
+
+@pytest.mark.parametrize(("rate_hz", "is_told"), [("100", True), ("50", False)])
+def test_the_command_says_at_its_start_where_the_line_cannot_carry_its_rate(rate_hz: str, is_told: bool) -> None:
+    words = ["--tcp", "127.0.0.1:0", "--duration", "0.2", "--rate-hz", rate_hz]
+    result = CliRunner().invoke(command, words, catch_exceptions=False)
+    told = " ".join(result.stderr.split())
+    assert ("the line carries 11,520 bytes/s at 115200 baud, and this sensor has 21,600 to send" in told) == is_told
 
 
 def test_the_command_prints_the_address_and_ends_after_its_time() -> None:
