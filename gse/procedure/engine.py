@@ -20,7 +20,7 @@ from typing import Protocol as Interface
 
 import numpy as np
 
-from drivers.chunk import LinkEvent, LinkKind
+from drivers.chunk import LinkEvent
 from drivers.clock import read_clock
 from drivers.errors import PortError
 from gse.procedure.as_run import KEEPS_ALL, PORT_GONE, StepOutcome, event_text
@@ -42,7 +42,7 @@ from gse.procedure.file import (
 )
 from gse.procedure.power import Ran
 from gse.station.columns import STATUSES
-from gse.station.events import StationKind
+from gse.station.events import LINK_WORDS, SKY_WORDS, StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.results import Status
 from gse.station.session_data import SessionData
@@ -53,23 +53,6 @@ from protocols import NO_ANSWER, Condition, EncodeError, Frame, ItemValue, Proto
 
 SILENT_NS = 2 * NS_PER_S
 """A sensor that has sent no frame for so long is silent."""
-_LINK_OF = {
-    LinkKind.NO_PORT: "no port",
-    LinkKind.LOST: "no port",
-    LinkKind.OPENED: "waiting",
-    LinkKind.REOPENED: "waiting",
-    LinkKind.WAITING: "waiting",
-    LinkKind.SYNCING: "syncing",
-    LinkKind.STREAMING: "streaming",
-    LinkKind.STALE: "silent",
-}
-_SKY_OF = {
-    StationKind.CLEAR: "clear",
-    StationKind.CLOUDED: "clouded",
-    StationKind.NO_STARS: "no stars",
-    StationKind.DAYLIGHT: "daylight",
-    StationKind.DARK_NIGHT: "dark night",
-}
 _PERSON_S = 0.1
 _CLEANUP_S = 60.0
 """Time that one program of the supply may still take when no loop runs any more; its own time-out is usually less."""
@@ -155,8 +138,8 @@ class Seen:
 
     def on_event(self, event: LinkEvent) -> None:
         """Take an event that says how link or sky is."""
-        self.link = _LINK_OF.get(event.kind, self.link)  # type: ignore[call-overload]
-        self.sky = _SKY_OF.get(event.kind, self.sky)  # type: ignore[call-overload]
+        self.link = LINK_WORDS.get(event.kind, self.link)
+        self.sky = SKY_WORDS.get(event.kind, self.sky)
 
     def state(self, now_ns: int) -> str:
         """The state of the sensor: acquired, searching or silent; empty where nothing is known yet."""

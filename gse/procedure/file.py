@@ -24,6 +24,7 @@ from drivers.host_files import a_file_or_a_shells_pipe
 from drivers.outside_text import plain_line
 from gse.config.station import MAX_FILE_BYTES, Station
 from gse.errors import ConfigError
+from gse.station.events import SKY_WORDS
 from gse.values.limits import Limits
 from gse.values.text import count_text
 from protocols import NO_ANSWER, Condition, EncodeError, Item, Protocol
@@ -591,7 +592,6 @@ def _duration_s(act: Act, protocol: Protocol, settle_s: float) -> tuple[float, f
 
 _STATES = ("acquired", "searching", "silent")
 _LINKS = ("streaming", "syncing", "waiting", "silent", "no port")
-_SKIES = ("clear", "clouded", "no stars", "daylight", "dark night")
 
 
 def _words(name: str, words: Sequence[str]) -> Item:
@@ -601,7 +601,7 @@ def _words(name: str, words: Sequence[str]) -> Item:
 STATION_ITEMS = {
     "state": _words("state", _STATES),
     "link": _words("link", _LINKS),
-    "sky": _words("sky", _SKIES),
+    "sky": _words("sky", [*SKY_WORDS.values()]),
     "stars": Item("stars", "", "stars", "", {}, False, 1.0),
     "exposure_s": Item("exposure_s", "", "exposure_s", "s", {}, False, 1e-6),
     "power_v": Item("power_v", "", "power_v", "V", {}, False, 1e-3),

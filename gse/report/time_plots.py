@@ -14,13 +14,13 @@ from gse.report.paper import LIMIT_DEG
 from gse.report.plot_data import PlotData, angle_unit, close_edge_of, edge_of, extremes, sample
 from gse.report.svg import set_margins
 from gse.station.columns import SKY_CONDITIONS
-from gse.station.events import StationKind
+from gse.station.events import LINK_WORDS, StationKind
 from gse.station.results import SkyCondition, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.sky_summary import seen_share
 from gse.values.axis import D_DE, D_RA_COSDE, ON_SKY, Axis
 from gse.view.drawing import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW, hex_of
-from gse.view.live_state import LINK_COLOURS, LINK_WORDS
+from gse.view.live_state import LINK_COLOURS
 from protocols import Item
 
 _MAX_MARKS = 400

@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from gse.recording.session_format import MOST_KINDS, OTHER
 from gse.values.instant import LAST_NS
 
@@ -59,6 +59,29 @@ class StationKind(StrEnum):
     STEP_BEGUN = "STEP_BEGUN"
     STEP_DONE = "STEP_DONE"
     PROCEDURE_ENDED = "PROCEDURE_ENDED"
+
+
+LINK_WORDS: dict[str, str] = {
+    LinkKind.NO_PORT: "no port",
+    LinkKind.LOST: "no port",
+    LinkKind.OPENED: "waiting",
+    LinkKind.REOPENED: "waiting",
+    LinkKind.WAITING: "waiting",
+    LinkKind.SYNCING: "syncing",
+    LinkKind.STREAMING: "streaming",
+    LinkKind.STALE: "silent",
+    StationKind.CLOSED: "closed",
+}
+"""The state of the link after each kind of event that changes it; the other kinds are only logged."""
+
+SKY_WORDS: dict[str, str] = {
+    StationKind.CLEAR: "clear",
+    StationKind.CLOUDED: "clouded",
+    StationKind.NO_STARS: "no stars",
+    StationKind.DAYLIGHT: "daylight",
+    StationKind.DARK_NIGHT: "dark night",
+}
+"""The sky after each kind of event that changes it."""
 
 
 @dataclass(frozen=True, slots=True)

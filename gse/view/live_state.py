@@ -19,7 +19,7 @@ from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading, read_clock
 from gse.config.station import Station
 from gse.station.columns import ANSWER_CHECKS, STATUSES
-from gse.station.events import StationKind
+from gse.station.events import LINK_WORDS, SKY_WORDS, StationKind
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.housekeeping import Housekeeping, ItemNow
 from gse.station.own_answers import NO_OWN_ERRORS, NewOwnErrors
@@ -34,28 +34,6 @@ from gse.view.drawing import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
 from gse.view.glance_word import LATE_S, NO_ANSWER_S
 from gse.view.recent import EventLine, EventLines
 from protocols import StatusMessage
-
-LINK_WORDS: dict[str, str] = {
-    LinkKind.NO_PORT: "no port",
-    LinkKind.LOST: "no port",
-    LinkKind.OPENED: "waiting",
-    LinkKind.REOPENED: "waiting",
-    LinkKind.WAITING: "waiting",
-    LinkKind.SYNCING: "syncing",
-    LinkKind.STREAMING: "streaming",
-    LinkKind.STALE: "silent",
-    StationKind.CLOSED: "closed",
-}
-"""The state of the link after each kind of event that changes it; the other kinds are only logged."""
-
-SKY_WORDS: dict[str, str] = {
-    StationKind.CLEAR: "clear",
-    StationKind.CLOUDED: "clouded",
-    StationKind.NO_STARS: "no stars",
-    StationKind.DAYLIGHT: "daylight",
-    StationKind.DARK_NIGHT: "dark night",
-}
-"""The sky after each kind of event that changes it."""
 
 NO_SKY = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
 """Skies in which frames without an answer do not count, as in the verdict (there too only many seconds of them), and

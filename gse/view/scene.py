@@ -17,7 +17,7 @@ from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.recording.session_format import RecorderKind
 from gse.station.columns import STATUSES
-from gse.station.events import StationKind
+from gse.station.events import LINK_WORDS, SKY_WORDS, StationKind
 from gse.station.frame_results import FrameResult
 from gse.station.frame_table import FrameTable
 from gse.station.housekeeping import Housekeeping
@@ -27,9 +27,7 @@ from gse.values.instant import NS_PER_S
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.live_state import (
     LINK_COLOURS,
-    LINK_WORDS,
     SKY_COLOURS,
-    SKY_WORDS,
     VERDICT_COLOURS,
     SessionSoFar,
 )
