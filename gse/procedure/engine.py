@@ -54,6 +54,8 @@ from protocols import NO_ANSWER, Condition, EncodeError, Frame, ItemValue, Proto
 SILENT_NS = 2 * NS_PER_S
 """A sensor that has sent no frame for so long is silent."""
 _PERSON_S = 0.1
+_MOST_LEFT = 100
+"""Steps that a program may still give where no loop runs any more: it switches off, and does not try for ever."""
 _CLEANUP_S = 60.0
 """Time that one program of the supply may still take when no loop runs any more; its own time-out is usually less."""
 
@@ -522,7 +524,9 @@ class OpenRun(Run):
     def __init__(self, procedure: Procedure, desk: Desk) -> None:
         super().__init__(procedure, desk)
         self._asked: queue.Queue[tuple[Step, Future[Done]] | None] = queue.Queue()
-        self._reason = ""
+        self._result: Future[Done] | None = None
+        self._defect: Exception | None = None
+        self._reason, self._has_caller = "", False
         self.on_begin: Callable[[], None] = lambda: None
 
     def do(self, step: Step, session: "Future[Any]") -> Done:
@@ -532,40 +536,57 @@ class OpenRun(Run):
         wait([result, session], return_when=FIRST_COMPLETED)
         if not result.done():
             session.result()
+            return Done(StepOutcome.NOT_DONE, "the session has ended")
         return result.result(0)
 
     def end(self, reason: str = "") -> None:
         """No more steps; ``reason`` says what went wrong with the caller."""
-        self._reason = reason
+        self._reason = self._reason or reason
         self._asked.put(None)
 
     def _run(self) -> Generator[None, None, None]:
         self._record_begin()
-        yield
-        self.on_begin()
-        result: Future[Done] | None = None
         try:
-            while True:
-                try:
-                    # The time of a simulation stands still while its caller thinks.
-                    asked = self._asked.get(not self.bench.is_live, _PERSON_S)
-                except queue.Empty:
-                    if self.bench.is_live or self.bench.interrupted():
-                        yield
-                    continue
-                if asked is None:
-                    break
-                step, result = asked
-                done = yield from self._step(step, step.number)
-                result.set_result(done)
+            yield
+            self.on_begin()
+            self._has_caller = True
+            yield from self._steps_given()
         except _Interrupted as reason:
             self._reason = str(reason)
-            if result is not None and not result.done():
-                result.set_result(Done(StepOutcome.NOT_DONE, self._reason))
+            if self._result is not None and not self._result.done():
+                self._result.set_result(Done(StepOutcome.NOT_DONE, self._reason))
+            if self._has_caller and self.bench.is_live:
+                yield from self._steps_given(_MOST_LEFT)
         if self._reason:
             text = event_text("0", StepOutcome.NOT_DONE, "the steps of the program", self._reason, "")
             self.bench.record(StationKind.STEP_DONE, text)
         self._record_end()
+        if self._defect is not None:
+            raise self._defect
+
+    def _steps_given(self, most: float = math.inf) -> Generator[None, None, None]:
+        """Do the steps that the caller gives until it ends; after a defect of ours it is told, and may clean up."""
+        while most > 0 and (asked := (yield from self._next())) is not None:
+            most -= 1
+            step, self._result = asked
+            try:
+                done = yield from self._step(step, step.number)
+            except _Interrupted:
+                raise
+            except Exception as error:
+                self._defect = self._defect or error
+                self._result.set_exception(error)
+            else:
+                self._result.set_result(done)
+
+    def _next(self) -> "Generator[None, None, tuple[Step, Future[Done]] | None]":
+        """The next step, None at the end; the time of a simulation stands still while its caller thinks."""
+        while True:
+            try:
+                return self._asked.get(not self.bench.is_live or self._hurries, _PERSON_S)
+            except queue.Empty:
+                if self.bench.is_live or self.bench.interrupted():
+                    yield
 
 
 _WORST_FIRST = (StepOutcome.FAIL, StepOutcome.NOT_DONE, StepOutcome.INCONCLUSIVE)

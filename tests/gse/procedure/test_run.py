@@ -3,14 +3,14 @@
 import json
 import re
 import xml.etree.ElementTree as ET
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 from devices.items_sensor import ITEMS_TEXT
 
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.procedure.desk import Desk
-from gse.procedure.engine import Run
+from gse.procedure.engine import OpenRun, Run
 from gse.procedure.file import parse_procedure
 from gse.procedure.power import Ran as Switched
 from gse.station.events import StationKind
@@ -190,6 +190,17 @@ def test_a_run_that_is_ended_before_its_first_step_leaves_every_step_by_name(end
     assert all("Ctrl-C" in text for text in left)
 
 
+def test_a_program_that_has_not_begun_is_not_waited_for_when_its_session_ends():
+    bench = QuietBench()
+    one = OpenRun(parse_procedure(HEAD + "steps:\n  - power: on\n", "test"), Desk())
+    one.begin(bench)
+    one.finish("an internal error")
+    assert bench.recorded[1:] == [
+        (StationKind.STEP_DONE, "0 | not done | the steps of the program | an internal error | "),
+        (StationKind.PROCEDURE_ENDED, "the supply was not switched"),
+    ]
+
+
 class SwitchedBench(QuietBench):
     """A bench whose supply breaks when it is switched on, and which knows no commands."""
 
@@ -228,6 +239,34 @@ def test_the_cleanup_is_done_after_an_internal_error_which_is_raised_then():
     assert log["cleanup 1"][0] == "not done"
     assert "AttributeError" in log["cleanup 1"][1]
     assert log["cleanup 2"][0] == "PASS"
+    assert bench.recorded[-1] == (StationKind.PROCEDURE_ENDED, "the supply was left off")
+
+
+def test_a_program_that_is_told_an_internal_error_can_still_switch_off():
+    bench, session = SwitchedBench(), Future()
+    on, off = parse_procedure(HEAD + "steps:\n  - power: on\n  - power: off\n", "test").steps
+    one = OpenRun(parse_procedure(HEAD + "steps:\n  - power: on\n", "test"), Desk())
+    one.begin(bench)
+
+    def program():
+        try:
+            one.do(on, session)
+        finally:
+            assert one.do(off, session)
+            one.end("its end")
+
+    with ThreadPoolExecutor(1) as threads:
+        told = threads.submit(program)
+        with pytest.raises(ZeroDivisionError, match="of the supply"):
+            while not one.is_over:
+                one.tick()
+        with pytest.raises(ZeroDivisionError, match="of the supply"):
+            told.result()
+    assert bench.log() == {
+        "1": ("not done", "internal error of gse: ZeroDivisionError: of the supply"),
+        "2": ("PASS", "switched off"),
+        "0": ("not done", "its end"),
+    }
     assert bench.recorded[-1] == (StationKind.PROCEDURE_ENDED, "the supply was left off")
 
 
