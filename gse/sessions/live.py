@@ -404,8 +404,7 @@ class _DerivedDataRecorder:
             self._orientation_kept = orientation
             self._recorder.attach(EARTH_ORIENTATION, "application/json", orientation.to_json().encode())
         for event in self._recorder.news():
-            self._recorder.event(event)
-            self._loop.on_event(event)
+            self._place(event)
         self.take_screen(self._last_ns)
         self.take_power()
         if self._link.is_live or self._last_ns:
@@ -498,9 +497,15 @@ class _DerivedDataRecorder:
     def _event(self, kind: str, text: str) -> None:
         """An event of this host, now; in a simulated session at the time of its data."""
         utc_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
-        event = LinkEvent(utc_ns, self._link.mono_ns(), kind, text)
-        self._recorder.event(event)
-        self._loop.take([event])
+        self._place(LinkEvent(utc_ns, self._link.mono_ns(), kind, text))
+
+    def _place(self, event: LinkEvent) -> None:
+        """Record an event, and give it to the loop in the same place: on a live port after all that has come by now."""
+        if self._link.is_live:
+            self._link.report(event)
+        else:
+            self._recorder.event(event)
+            self._loop.take([event])
 
     def close(self) -> None:
         """Record the end of the session; silence up to this instant counts as part of it."""
@@ -509,6 +514,8 @@ class _DerivedDataRecorder:
             over = "the end of its scene" if self._operator.scene_is_over() else "--duration"
             over = "the end of its procedure" if self._procedure is not None else over
             self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or over}")
+            while items := self._link.receive(0):  # what came and was left is recorded only
+                self._loop.take([item for item in items if isinstance(item, LinkEvent)])
 
     def _read_clock(self) -> None:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)

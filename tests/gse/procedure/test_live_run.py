@@ -5,9 +5,13 @@ import os
 import re
 import select
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from devices.emulated_sensor import EmulatedSensor
@@ -16,15 +20,18 @@ from devices.patience import PATIENCE_S
 
 from drivers.errors import DriverError
 from drivers.session_file.reader import read_capture
-from drivers.session_file.records import EVENTS, RecordedMessage
+from drivers.session_file.records import EVENTS, RX, RecordedMessage
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.config.choice import station_of
+from gse.config.station import parse_station
 from gse.procedure.desk import Desk
-from gse.procedure.engine import Run
+from gse.procedure.engine import OpenRun, Run
 from gse.procedure.file import parse_procedure
 from gse.sessions.live import Ending, Operator, run_live
+from gse.sessions.replay import replay_session
 from gse.station.events import StationKind
 
+FAULTS = Path(__file__).parents[3] / "replays" / "golden" / "faults.mcap"
 SIMULATED = """\
 version: 1
 sensor: {name: ST-1, rows: 1024, columns: 1024, focal_length_px: 4170}
@@ -119,10 +126,14 @@ def test_a_signal_ends_the_run_and_the_cleanup_is_done(begin, tmp_path, number):
 
 
 class BrokenView:
-    """A listener that cannot show results."""
+    """A listener that cannot show results, from ``breaks`` on."""
+
+    def __init__(self, breaks=lambda: True):
+        self._breaks = breaks
 
     def on_results(self, results, session):
-        raise ZeroDivisionError("of the view")
+        if self._breaks():
+            raise ZeroDivisionError("of the view")
 
     def on_event(self, event):
         pass
@@ -148,6 +159,34 @@ def test_an_internal_error_outside_of_the_steps_leaves_the_supply_as_the_cleanup
     log = [event.text for event in events if event.kind == StationKind.STEP_DONE]
     assert "an internal error of gse: ZeroDivisionError: of the view" in log[0]
     assert log[-1].startswith("cleanup 2 | PASS")
+
+
+def test_a_program_switches_off_after_an_internal_error_outside_of_its_steps(tmp_path):
+    wait, off = parse_procedure(HEAD + "  - wait: {for: 10 min}\n  - power: off\n").steps
+    with EmulatedSensor(tmp_path) as sensor:
+        station, text = station_of(sensor.station)
+        run, began = OpenRun(parse_procedure(HEAD + "  - power: on\n"), Desk()), threading.Event()
+        run.on_begin = began.set
+
+        def program():
+            outcomes = [str(run.do(step, Future()).outcome) for step in (wait, off)]
+            run.end()
+            return outcomes
+
+        with ThreadPoolExecutor(1) as threads:
+            outcomes = threads.submit(program)
+            with pytest.raises(ZeroDivisionError, match="of the view"):
+                run_live(
+                    station,
+                    text,
+                    tmp_path / "out",
+                    Operator(Ending(print)),
+                    make_listeners=lambda loop, folder, live: [BrokenView(began.is_set)],
+                    procedure=run,
+                )
+            assert outcomes.result() == ["not done", "PASS"]
+        assert sensor.supply.read_text() == "off"
+    assert LiveSession(tmp_path / "out").events()["PROCEDURE_ENDED"] == "the supply was left off"
 
 
 @pytest.mark.parametrize(
@@ -267,3 +306,51 @@ def test_nothing_is_written_where_the_operator_types_and_a_wrong_answer_is_told_
         process.kill()
         process.wait()
         os.close(master)
+
+
+@pytest.fixture
+def played():
+    """A function that gives the URL of a network port, which sends bytes at once and then nothing."""
+    servers = []
+
+    def serve(data):
+        server = socket.create_server(("127.0.0.1", 0))
+        servers.append(server)
+
+        def play():
+            client, _ = server.accept()
+            servers.append(client)
+            client.sendall(data)
+
+        threading.Thread(target=play, daemon=True).start()
+        return f"socket://127.0.0.1:{server.getsockname()[1]}"
+
+    yield serve
+    for one in servers:
+        one.close()
+
+
+class Noting(Operator):
+    """An operator who leaves notes as soon as there are results."""
+
+    def on_results(self, results, session):
+        self.notes.put("the first panoramas came")
+
+    def on_event(self, event):
+        if event.kind == StationKind.SENSOR_RESET:
+            self.notes.put("it started anew")
+
+
+def test_a_note_stands_where_its_replay_has_it_though_frames_waited_when_it_came(played, tmp_path):
+    records = read_capture(FAULTS)
+    data = b"".join(one.data for one in records if isinstance(one, RecordedMessage) and one.topic == RX)
+    text = SIMULATED.replace("sim://", played(data))
+    operator = Noting(Ending(print))
+    live = run_live(
+        parse_station(text), text, tmp_path, operator, make_listeners=lambda *given: [operator], duration_s=3.0
+    )
+    again = replay_session(live.folder / "session.mcap").session
+    shown, replayed = ([(event.kind, event.text) for event in one.events] for one in (live.session, again))
+    assert next(text for kind, text in shown if kind == StationKind.NOTE) == "the first panoramas came"
+    assert len({kind for kind, _ in shown}) > 5
+    assert shown == replayed
