@@ -131,7 +131,7 @@ class SensorFirmware:
         self._refused_at = -1
         self._processed: deque[tuple[int, AttitudeMessage]] = deque()
         self._items.power_on(power_on_ns)
-        self._items_due_ns = ready_ns
+        self._items_due_ns = dict.fromkeys(self._items.every_s, ready_ns)
         self._late: list[tuple[int, Command, int]] = []
 
     def switch(self, utc_ns: int, *, on: bool) -> None:
@@ -151,8 +151,7 @@ class SensorFirmware:
         """Instant of the next action; None while the sensor only waits for commands."""
         dues = [*self._resets_ns[:1], *(ready_ns for ready_ns, _ in list(self._processed)[:1])]
         dues += [due_ns for due_ns, _, _ in self._late]
-        if self._items.periodic:
-            dues.append(self._items_due_ns)
+        dues += self._items_due_ns.values()
         if self._next_start_ns is not None:
             dues.append(self._next_start_ns + self._exposure_ns)
         return min(dues, default=None)
@@ -192,9 +191,9 @@ class SensorFirmware:
             late = min(self._late, key=itemgetter(0))
             self._late.remove(late)
             return self._said(self._done(late[1], late[2], due_ns), due_ns)
-        if self._items.periodic and due_ns == self._items_due_ns:
-            self._items_due_ns += round(self._traits.items_every_s * NS_PER_S)
-            return [self._send(self._items.message(name), due_ns) for name in self._items.periodic]
+        if names := [name for name, item_ns in self._items_due_ns.items() if item_ns == due_ns]:
+            self._items_due_ns |= {name: due_ns + round(self._items.every_s[name] * NS_PER_S) for name in names}
+            return [self._send(self._items.message(name), due_ns) for name in names]
         if self._processed and due_ns == self._processed[0][0]:
             ready_ns, message = self._processed.popleft()
             return [self._send(message, ready_ns)]

@@ -28,20 +28,24 @@ class SimulatedItems:
 
     def __init__(self, protocol: Protocol, traits: Traits) -> None:
         self._protocol, self._profiles = protocol, traits.items
-        for key, known, names in (
-            ("items", protocol.items, traits.items),
-            ("commands", protocol.commands, traits.commands),
-        ):
-            for name in names:
-                if name not in known:
-                    raise ConfigError(f"scenario: firmware.{key}: {unknown_name(name, known, key[:-1])}")
-        self._faults = dict(traits.commands)
-        self._left = {name: fault.times for name, fault in traits.commands.items()}
         with_items = {name: message for name, message in protocol.description.messages.items() if message.items}
         self.carriers = frozenset(with_items)
         self.own = tuple(name for name, message in with_items.items() if name not in FORMS)
         asked = {layout.answer for layout in protocol.commands.values() if isinstance(layout.answer, str)}
-        self.periodic = tuple(name for name in self.own if name not in asked)
+        every = traits.items_every_s
+        named, others_s = (every, 1.0) if isinstance(every, dict) else ({}, every)
+        self.every_s = dict.fromkeys((name for name in self.own if name not in asked), others_s) | named
+        """Messages that come unasked, with the time between two of them."""
+        for key, what, known, names in (
+            ("items", "item", protocol.items, traits.items),
+            ("commands", "command", protocol.commands, traits.commands),
+            ("items_every_s", "message that has items only", dict.fromkeys(self.own), named),
+        ):
+            for name in names:
+                if name not in known:
+                    raise ConfigError(f"scenario: firmware.{key}: {unknown_name(name, known, what)}")
+        self._faults = dict(traits.commands)
+        self._left = {name: fault.times for name, fault in traits.commands.items()}
         self.power_on(0)
 
     def power_on(self, utc_ns: int) -> None:

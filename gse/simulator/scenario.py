@@ -148,6 +148,7 @@ class CommandFault(_ScenarioSection):
 
 _ItemProfile = Annotated[tuple[tuple[float, float | str], ...], Field(min_length=1, max_length=1000)]
 """(seconds since power-on, value): numbers linear between, words until the next one."""
+_Every = Annotated[float, Field(ge=0.001, le=36_000)]
 
 
 class Firmware(_ScenarioSection):
@@ -174,8 +175,9 @@ class Firmware(_ScenarioSection):
     answers: AnswersSection = AnswersSection()
     items: dict[str, _ItemProfile] = {}
     """Items of the protocol by name; one that is not here has a value within its limits."""
-    items_every_s: Annotated[float, Field(ge=0.001, le=36_000)] = 1.0
-    """Time between messages that have items only; one that a command asks for comes as its answer."""
+    items_every_s: _Every | dict[str, _Every] = 1.0
+    """Time between messages that have items only, of all or by name; one that a command asks for comes as its answer
+    only, unless it has its name here."""
     swapped_names: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Share of the lists of stars (STARS) in which the two brightest have each other's name."""
     commands: dict[str, CommandFault] = {}

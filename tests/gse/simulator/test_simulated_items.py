@@ -1,6 +1,7 @@
 """A simulated sensor of any protocol: items drift, commands set them, a scenario spoils the answers."""
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ from devices.items_sensor import ITEMS, ITEMS_TEXT
 
 from drivers.errors import CommandError
 from gse.cli.sensor import command
+from gse.cli.simulate import command as simulate
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import ConfigError
+from gse.sessions.replay import replay_session
 from gse.simulator.items import SimulatedItems
 from gse.simulator.scenario import Firmware
 from protocols import Command
@@ -89,6 +92,28 @@ def test_a_spoiled_answer_proves_nothing(station: Path, words: list[str], fault:
     assert said in str(result.exception)
 
 
+@pytest.mark.parametrize(
+    ("firmware", "tubes", "healths"),
+    [
+        ({}, 8, 0),
+        ({"items_every_s": 0.5}, 16, 0),
+        ({"items_every_s": {"HEALTH": 0.25, "TUBE": 4}}, 2, 32),
+    ],
+    ids=["once a second", "all", "by name"],
+)
+def test_messages_come_unasked_at_their_rates(station: Path, firmware: object, tubes: int, healths: int) -> None:
+    tube = "  TUBE: {code: 0x0A, direction: from sensor, items: [{name: tube_degc, type: i16, scale: 0.1}]}\n"
+    (station.parent / "sensor.yaml").write_text(ITEMS_TEXT.replace("  ACK:\n", f"{tube}  ACK:\n"), encoding="utf-8")
+    scenario, session = station.with_name("scenario.yaml"), station.with_name("session.mcap")
+    scenario.write_text(yaml.safe_dump({"text": "items", "seconds": 8, "firmware": firmware}), encoding="utf-8")
+    options = ["--station", str(station), "--scenario", str(scenario), "--file", str(session)]
+    assert CliRunner().invoke(simulate, options).exit_code == 0
+    housekeeping = replay_session(session).session.housekeeping
+    came = Counter(housekeeping.items[at].name for at in housekeeping.rows["item"])
+    assert came["tube_degc"] in (tubes, tubes + 1)  # the first comes when it begins
+    assert came["gain_db"] in (healths, healths + (healths > 0))
+
+
 def test_a_late_answer_within_the_time_out_and_a_fault_that_is_over_are_fine(station: Path) -> None:
     late = {"SET_MODE": {"fault": "late", "late_s": 3}}
     assert send(station, "SET_MODE", "mode=tracking", commands=late).exit_code == 0
@@ -101,8 +126,9 @@ def test_a_late_answer_within_the_time_out_and_a_fault_that_is_over_are_fine(sta
     [
         (Firmware(items={"suply_v": ((0, 1),)}), "firmware.items: no item 'suply_v'; did you mean supply_v?"),
         (Firmware(commands={"SET_GAINS": {"fault": "nak"}}), "no command 'SET_GAINS'; did you mean SET_GAIN?"),  # type: ignore[dict-item]
+        (Firmware(items_every_s={"HEALT": 1}), "no message that has items only 'HEALT'; did you mean HEALTH?"),
     ],
-    ids=["item", "command"],
+    ids=["item", "command", "message"],
 )
 def test_a_scenario_that_names_what_is_not_there_is_refused(firmware: Firmware, said: str) -> None:
     with pytest.raises(ConfigError) as refused:
