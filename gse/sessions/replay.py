@@ -199,8 +199,8 @@ def _no_frame(path: Path, protocol: str) -> UsageError:
 
 
 _CAPTURED = Port(url="replay://")
-"""Port of a raw capture, or of a session without its head: somebody recorded it, so the simulated port of a station
-file that names none is not its port."""
+"""Port of what this program did not record: a raw capture, a session without its head or, as no Earth orientation is
+frozen in it, one that somebody made of images. The simulated port of a station file that names none is not its port."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,8 +224,8 @@ def station_in_force(attachments: Mapping[str, str], change: Callable[[StationTe
     station, text = change((frozen, text))
     protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
     keeps_identifier = station.identifier.facts() == frozen.identifier.facts()
-    is_capture = STATION not in attachments or stated_start_ns(attachments) is not None
-    if is_capture and (text == BUILT_IN_TEXT or "port" not in station.model_fields_set):
+    is_own = STATION in attachments and EARTH_ORIENTATION in attachments and stated_start_ns(attachments) is None
+    if not is_own and (text == BUILT_IN_TEXT or "port" not in station.model_fields_set):
         station = station.model_copy(update={"port": _CAPTURED})
     return StationInForce(
         unsealed(station, has_protocol=protocol_text is not None), text, protocol_text, keeps_identifier

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gse.config.station import parse_station
 from gse.sessions.replay import replay_session
 from gse.station.columns import SKY_CONDITIONS, STATUSES
 from gse.station.mount_alignment import MeasuredMounts
@@ -71,3 +72,10 @@ def test_the_mount_of_one_night_holds_on_all_others_within_5_arcmin() -> None:
 def test_the_station_file_states_that_mount() -> None:
     (frame,) = replayed("005")[0].frames.columns.rows()
     assert np.hypot(frame["d_ra_cosde_arcsec"], frame["d_de_arcsec"]) < 10
+
+
+def test_a_session_made_of_images_is_not_marked_simulated_for_want_of_a_port() -> None:
+    """Its station file names no port, and the port of one that names none is the simulated sensor's."""
+    session = replayed("005")[0]
+    assert "port" not in parse_station(session.station_text).model_fields_set
+    assert not session.is_simulated
