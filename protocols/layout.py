@@ -639,8 +639,15 @@ def _size(message: MessageDescription, source: DescriptionSource, path: Path) ->
 
 def _placed(message: MessageDescription, source: DescriptionSource, path: Path) -> list[Placed]:
     """Fields, items and slots in their places; the slots as one block. ``path`` is that of the fields."""
-    slots, items = (*path[:2], "slots"), (*path[:2], "items")
-    return place(message.fields, source, path, message.slots, slots, message.items, items)
+    return place(
+        message.fields,
+        source,
+        path,
+        slots=message.slots,
+        slots_path=(*path[:2], "slots"),
+        items=message.items,
+        items_path=(*path[:2], "items"),
+    )
 
 
 def _compile_message(

@@ -43,6 +43,7 @@ def place(
     fields: Sequence[FieldDescription],
     source: DescriptionSource,
     path: Path,
+    *,
     slots: SlotsDescription | None = None,
     slots_path: Path = (),
     items: Sequence[FieldDescription] = (),

@@ -228,9 +228,7 @@ def command(
     STATION is a station file; without one a simulated sensor is tested for 60 s. Ctrl-C ends the session; the exit code
     is the verdict's.
     """
-    if station_given is not None and station_path is not None:
-        raise UsageError(f"two station files: {station_given} and {station_path}; give one")
-    station, text = _station(station_given or station_path, url, identifier)
+    station, text = _station(station_given, station_path, url, identifier)
     if until_text is not None and duration_s is not None:
         raise UsageError("--until and --duration both say when the session ends; give one")
     if every is not None:
@@ -260,14 +258,7 @@ def command(
         ctx.exit(run_starts(station, text, starts, off_s or 5.0, asked))
     if sweeps:
         ctx.exit(run_sweep(station, text, asked))
-    if station.port.url.startswith("sim://"):
-        from gse.sessions.stepped import simulated_station
-
-        shown: list[Shown] = []
-        station, text = simulated_station(*_with_scene(station, text, scene, rates), shown)
-        ctx.exit(run_session(station, text, asked, shown=shown))
-    with_screen = station.screen is not None or scene is not None or rates is not None
-    ctx.exit(run_session(station, text, asked, stage=stage_of(station, scene, rates) if with_screen else None))
+    ctx.exit(_run_before(scene, rates, station, text, asked))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -431,9 +422,25 @@ class OneSession:
         return code
 
 
-def _station(path: Path | None, url: str | None, identifier: str | None) -> tuple[Station, str]:
+def _run_before(scene: str | None, rates: str | None, station: Station, text: str, asked: Asked) -> int:
+    """Run one session of a simulated sensor, or of one that looks at a screen if there is one."""
+    if station.port.url.startswith("sim://"):
+        from gse.sessions.stepped import simulated_station
+
+        shown: list[Shown] = []
+        station, text = simulated_station(*_with_scene(station, text, scene, rates), shown)
+        return run_session(station, text, asked, shown=shown)
+    with_screen = station.screen is not None or scene is not None or rates is not None
+    return run_session(station, text, asked, stage=stage_of(station, scene, rates) if with_screen else None)
+
+
+def _station(
+    argument: Path | None, option: Path | None, url: str | None, identifier: str | None
+) -> tuple[Station, str]:
     """The station to run, with another port and another identifier where they are given, and its text."""
-    station, text = with_identifier(*station_of(path), identifier)
+    if argument is not None and option is not None:
+        raise UsageError(f"two station files: {argument} and {option}; give one")
+    station, text = with_identifier(*station_of(argument or option), identifier)
     return (station, text) if url is None else _with_url(station, text, url)
 
 

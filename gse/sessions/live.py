@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Self
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import Chunk, LinkEvent
 from drivers.clock import ClockReading, read_clock
 from drivers.errors import DriverError, PortError
 from drivers.link import ITEMS_AT_ONCE, SerialLink
@@ -265,7 +265,9 @@ def run_live(
             loop = StationLoop(setup, given_orientation=given_orientation)
         asking = asking_of(station.sensor, link, loop.setup.protocol)
         power = PowerSwitch(station.power) if station.power is not None and link.is_live else None
-        derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s, asking, power)
+        derived_data = _DerivedDataRecorder(
+            loop, recorder, link, operator, duration_s=duration_s, asking=asking, power=power
+        )
         loop.session.clock_error_s = clock_error_s
         live.housekeeping = loop.session.housekeeping
         live.in_work_since_ns = lambda: loop.in_work_since_ns
@@ -275,22 +277,7 @@ def run_live(
         status.enter("running")
         derived_data.take_screen(began_ns or 0)
         with asking or nullcontext(), power or nullcontext():
-            try:
-                session = loop.run(
-                    link,
-                    first,
-                    stop=derived_data.is_over,
-                    leave=operator.ending.leaves_the_rest,
-                    each=derived_data.keep,
-                    wait_s=asking.wait_s if asking else lambda: RECEIVE_TIMEOUT_S,
-                    most=most,
-                    last=derived_data.finish_procedure,
-                )
-            except Exception as error:
-                derived_data.finish_procedure(f"an internal error of gse: {type(error).__name__}: {error}")
-                raise
-            finally:
-                derived_data.finish_procedure()
+            session = derived_data.run(first, most)
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
@@ -356,9 +343,10 @@ class _DerivedDataRecorder:
         recorder: Recorder,
         link: SerialLink,
         operator: Operator,
+        *,
         duration_s: float | None,
-        asking: Asking | None = None,
-        power: PowerSwitch | None = None,
+        asking: Asking | None,
+        power: PowerSwitch | None,
     ) -> None:
         self._loop, self._recorder, self._link, self._operator = loop, recorder, link, operator
         self._asking, self._power = asking, power
@@ -371,6 +359,25 @@ class _DerivedDataRecorder:
         self._orientation_kept: EarthOrientation | None = None
         self._identity_kept: dict[str, object] | None = None
         self._read_back_left, self._read_back_due_ns = _READ_BACK_TIMES, 0
+
+    def run(self, first: Sequence[Chunk | LinkEvent], most: int) -> SessionData:
+        """Run the loop from the ``first`` items until the session is over; a procedure has its cleanup in any case."""
+        try:
+            return self._loop.run(
+                self._link,
+                first,
+                stop=self.is_over,
+                leave=self._operator.ending.leaves_the_rest,
+                each=self.keep,
+                wait_s=self._asking.wait_s if self._asking else lambda: RECEIVE_TIMEOUT_S,
+                most=most,
+                last=self.finish_procedure,
+            )
+        except Exception as error:
+            self.finish_procedure(f"an internal error of gse: {type(error).__name__}: {error}")
+            raise
+        finally:
+            self.finish_procedure()
 
     def is_over(self) -> bool:
         """Whether a signal asked for the end, or the duration is over; a procedure ends with its cleanup."""
