@@ -104,16 +104,14 @@ def coverage(catalog: StarCatalog, camera: Camera, *, directions: int = COVERAGE
     boresights = spiral_directions(directions)
     tree = cKDTree(catalog.icrs)
     near = tree.query_ball_point(boresights, 2 * math.sin(0.55 * camera.diagonal_rad))
-    counts = np.zeros(directions, dtype=np.int64)
-    for k, (z, rows) in enumerate(zip(boresights, near, strict=True)):
-        east = np.cross([0.0, 0.0, 1.0], z)
-        east /= np.sqrt((east * east).sum())
-        north = np.cross(z, east)
-        roll = k * _GOLDEN_ANGLE_RAD
-        x, y = math.cos(roll) * east + math.sin(roll) * north, math.cos(roll) * north - math.sin(roll) * east
-        stars = product(catalog.icrs[rows], np.stack([x, y, z]).T)
-        counts[k] = camera.contains(camera.pixels(stars)).sum()
-    return Coverage(boresights, counts)
+    east = np.cross([0.0, 0.0, 1.0], boresights)
+    east /= np.sqrt((east * east).sum(axis=1))[:, None]
+    north = np.cross(boresights, east)
+    roll = (np.arange(directions) * _GOLDEN_ANGLE_RAD)[:, None]
+    x, y = np.cos(roll) * east + np.sin(roll) * north, np.cos(roll) * north - np.sin(roll) * east
+    axes = np.stack([x, y, boresights], axis=2)
+    seen = (camera.pixels(product(catalog.icrs[rows], axes[k])) for k, rows in enumerate(near))
+    return Coverage(boresights, np.array([camera.contains(xy_px).sum() for xy_px in seen], dtype=np.int64))
 
 
 def thinned(catalog: StarCatalog, camera: Camera, stars: int) -> StarCatalog:
