@@ -25,7 +25,7 @@ SESSIONS = sorted(
     path
     for pattern in (
         "golden/*.mcap",
-        "lowell/00*.mcap",
+        "lowell/00[0-5].mcap",
         "night-sky/rooftop*azi45-subpixel.mcap",
         "night-sky/tripod*05sec.mcap",
     )
