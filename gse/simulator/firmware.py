@@ -166,8 +166,11 @@ class SensorFirmware:
         if slots:
             panorama = replace(PanoramaMessage.empty(), xy_px=seen.xy_px[:slots], index=seen.index[:slots])
             each += len(protocol.encode(panorama, 0))
-        items = sum(len(protocol.encode_payload(name, protocol.blank(name), 0)) for name in self._items.periodic)
-        return each / max(self._period_s, self._exposure_s) + items / self._traits.items_every_s
+        items_per_s = sum(
+            len(protocol.encode_payload(name, protocol.blank(name), 0)) / every_s
+            for name, every_s in self._items.every_s.items()
+        )
+        return each / max(self._period_s, self._exposure_s) + items_per_s
 
     def miss(self, until_ns: int) -> None:
         """Leave out the exposures that end before an instant, which nobody was there to make; their numbers miss."""
