@@ -166,6 +166,7 @@ _SYNC = "see whether the clock is synchronised: gse preflight; then repeat the s
 _LEAVE_OUT = 'fix the mount; judge the rest of the session: gse report SESSION --leave-out "FROM/TO=mount: moved"'
 _OPTICS = "a sensor whose optics drift"
 _SETTLE = "fix the mount, let it settle, and repeat the session"
+TAGS_DRIFT = "sensor clock drift"
 _STEP_OF_TAGS = "a step of the sensor's own time tags, or its restart: the time of a raw capture is made of them"
 _SIGMAS = 3.0
 _LATENCY_S = 2.5
@@ -409,11 +410,12 @@ def _refraction(one: Named, setting: Setting) -> Finding:
 def _clock_drift(one: Named, setting: Setting) -> Finding:
     """The host's clock, where its stamps run as fast against the sensor's tags; else the mount."""
     ppm, error = one.coefficients.item(), one.errors.item()
-    runs = f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {_digits_of(2 * error, 2)}), "
-    runs += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
+    off = abs(ppm) / (1 - 1e-6 * ppm)  # of the time that passes, and not of the time that it shows
+    runs = f"{off:.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {_digits_of(2 * error, 2)}), "
+    runs += f"{off * 3.6e-3:.3f} s in an hour"
     equals = _equals(one, "a mount that turns about the pole")
     if not setting.has_host:
-        return Finding("sensor clock drift", f"the sensor's time tags, by which this capture has its times, run {runs}",
+        return Finding(TAGS_DRIFT, f"the sensor's time tags, by which this capture has its times, run {runs}",
                        equals, "record with gse run: the host's clock then tells")  # fmt: skip
     if setting.late and abs(setting.late.drift * 1e6 - ppm) > abs(ppm) / _DOUBTFUL:
         rivals = [rival for rival in _equals(one, _OPTICS) if rival != "mount moves"]

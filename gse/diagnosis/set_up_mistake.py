@@ -46,11 +46,11 @@ from gse.truth import Alignment, fit_mount, horizon_to_sensor, mount_of, small_r
 from gse.values.attitude_convention import AttitudeConvention, read_angles, state_angles
 from gse.values.axis import AXES, OF_SENSOR
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
-from gse.values.instant import to_text
-from gse.values.matrices import length, product
+from gse.values.instant import NS_PER_S, to_text
+from gse.values.matrices import length, lstsq, product
 from gse.values.mount import Mount, MountUncertainty
 from gse.values.site import Site, SiteUncertainty
-from gse.values.star_influence import FrameFits
+from gse.values.star_influence import FrameFits, boresight_shifts
 
 _OF_CAMERA = {
     "detector size": StationKind.WRONG_DETECTOR,
@@ -132,6 +132,8 @@ _FEW_MEANS_ARCSEC = 30.0
 """What so short a session leaves open that its means do not tell their own scatter."""
 _SET_UP_TERMS = ("clock", "site position", "mount azimuth", "mount altitude", "mount roll")
 _ROWS_AT_ONCE = 1 << 14
+_WEIGHTS = np.array([1.0, 1.0, 0.1])
+"""A field shows roll ten times worse than direction."""
 _OTHER_STARS_RAD = 3600 * ARCSEC_RAD
 """Stars that lie further from where an answer has them are not those that it saw."""
 _Errors = NDArray[np.float64]
@@ -277,9 +279,33 @@ def pushed_mount(found: tuple[Finding, ...], moved_ns: int, parts: tuple[SharedT
 
 def without_turn(session: SessionData, fit: Alignment) -> SessionData:
     """The session as it would have been judged with the mount that the stars fit."""
+    turn = product(horizon_to_sensor(fit.mount), horizon_to_sensor(session.station.mount).T)
+    turned = _with_truth_turned(session, np.broadcast_to(turn, (len(session.frames), 3, 3)))
+    return replace(turned, alignment=fit)
+
+
+def at_the_right_rate(session: SessionData, counted: CountedFrames) -> SessionData:
+    """The session with the time that has passed since its first frame as the stars show it."""
+    frames, station = session.frames.columns, session.station
+    rows = np.flatnonzero(shown_frames(session, counted))
+    passed_s = (frames["utc_ns"] - frames["utc_ns"][0]) / NS_PER_S
+    pole_sensor = product(horizon_to_sensor(station.mount), pole(station.site))
+    by_second = boresight_shifts(pole_sensor[None])[0] * EARTH_RATE_ARCSEC_PER_S
+    errors = np.column_stack([frames[axis.column][rows] for axis in OF_SENSOR])
+    at_rest = np.broadcast_to(np.eye(3), (len(rows), 3, 3))
+    columns = np.concatenate([at_rest, passed_s[rows, None, None] * by_second[:, None]], axis=2)
+    fast = lstsq((columns * _WEIGHTS[:, None]).reshape(-1, 4), (errors * _WEIGHTS).ravel())[3]
+    fast_s = fast * passed_s
+    late_rad = -fast_s * EARTH_RATE_ARCSEC_PER_S * ARCSEC_RAD
+    timed = _with_truth_turned(session, erfa.rv2m(late_rad[:, None] * pole_sensor))
+    timed.frames.columns["utc_ns"] -= np.rint(fast_s * NS_PER_S).astype(np.int64)
+    return timed
+
+
+def _with_truth_turned(session: SessionData, turns: NDArray[np.float64]) -> SessionData:
+    """A copy in which the true attitude of each frame is turned by a rotation (M, 3, 3) of the sensor frame."""
     table = session.frames.snapshot()
     frames = table.columns
-    turn = product(horizon_to_sensor(fit.mount), horizon_to_sensor(session.station.mount).T)
     for first in range(0, len(frames), _ROWS_AT_ONCE):
         part = slice(first, first + _ROWS_AT_ONCE)
         no_roll = np.isnan(frames["d_roll_arcsec"][part])
@@ -287,14 +313,14 @@ def without_turn(session: SessionData, fit: Alignment) -> SessionData:
         true = read_angles(angles, AttitudeConvention())
         x, y, roll = (frames[axis.column][part] for axis in OF_SENSOR)
         measured = product(_as_turns(x, y, np.where(no_roll, 0.0, roll)), true)
-        true = product(turn, true)
+        true = product(turns[part], true)
         errors = attitude_errors(measured, true)
         errors[no_roll, ERRORS.index("d_roll_arcsec")] = np.nan
         for name, values in zip(ERRORS, errors.T, strict=True):
             frames[name][part] = values
         for name, values in zip(("ra", "de", "roll"), state_angles(true, AttitudeConvention()).T, strict=True):
             frames[f"{name}_true_deg"][part] = values
-    return replace(session, frames=table, alignment=fit)
+    return replace(session, frames=table)
 
 
 def _quantities(station: Station, clock: ClockHealth) -> Iterator[_Quantity]:

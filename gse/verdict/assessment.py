@@ -17,13 +17,15 @@ from html import escape
 
 from gse.config.station import Station
 from gse.diagnosis.diagnosis import findings
-from gse.diagnosis.moved_mount import SLIP, moved_mount
+from gse.diagnosis.fine_findings import TAGS_DRIFT
+from gse.diagnosis.moved_mount import moved_mount
 from gse.diagnosis.screen_findings import screen_findings
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.diagnosis.set_up_mistake import (
     OF_PLACE,
     alignment_finding,
+    at_the_right_rate,
     camera_mistake,
     hidden_mistake,
     lost_station,
@@ -296,7 +298,8 @@ def _turned(
 ) -> tuple[Finding | None, frozenset[tuple[Subject, str]], tuple[Finding, ...]]:
     """The mistake of place, if there is one, the rows that keep their limit without its turn, and what was found.
 
-    One turn is looked for in the whole session, then one on either side of a slip, where that leaves fewer rows.
+    One turn is looked for in the whole session, then one on either side of a slip or at another rate of time tags,
+    where that leaves fewer rows.
     """
     shared = shared_turn(session, stats, budget)
     kept = _kept(rows, without_turn(session, shared.fit)) if shared is not None else frozenset()
@@ -309,10 +312,11 @@ def _turned(
         for row in rows
         if row.outcome is Outcome.FAIL and requirement_of(row).claim is not Claim.ABSENCE
     }
-    if failing - kept and (moved := _moved(session, stats, rows, found)) and len(moved[1]) > len(kept):
-        slip, kept = moved
-        beside = (one for one in found if not one.is_gross and one.cause not in (*OF_PLACE, SLIP))
-        return slip, kept, (slip, *beside)
+    for changed in (_moved, _mistimed):
+        if failing - kept and (change := changed(session, stats, rows, found)) and len(change[1]) > len(kept):
+            named, kept = change
+            beside = (one for one in found if not one.is_gross and one.cause not in (*OF_PLACE, named.cause))
+            return named, kept, (named, *beside)
     if shared is None or not kept:
         return None, kept, found
     if explained := place_mistake(session, stats.counted, found, shared):
@@ -339,6 +343,24 @@ def _moved(
         turns.append(shared)
         kept &= _kept(rows, without_turn(part, shared.fit))
     return (pushed_mount(found, how.changes_ns[0], tuple(turns)), frozenset(kept)) if turns else None
+
+
+def _mistimed(
+    session: SessionData, stats: Statistics, rows: tuple[Row, ...], found: tuple[Finding, ...]
+) -> tuple[Finding, frozenset[tuple[Subject, str]]] | None:
+    """That the time tags of a raw capture run wrong, and the failing rows that keep their limit at the right rate.
+
+    Nobody vouches for that rate: --clock-error is a bound of the start alone.
+    """
+    named = next((finding for finding in found if finding.cause == TAGS_DRIFT), None)
+    if named is None:
+        return None
+    timed = at_the_right_rate(session, stats.counted)
+    of_timed = statistics(timed)
+    shared = shared_turn(timed, of_timed, _budget(timed, of_timed))
+    if shared is None or not shared.is_free:
+        return None
+    return named, _kept(rows, without_turn(timed, shared.fit))
 
 
 def _kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subject, str]]:

@@ -102,18 +102,19 @@ class World:
 
 @dataclass(frozen=True)
 class Plan:
-    """When, how long and how often."""
+    """When, how long and how often; of a ``raw`` capture all times are of the sensor's clock, which runs as ill."""
 
     start: str
     seconds: float
     rate_hz: float
     seed: int
+    raw: bool = False
 
 
 def session(stated: World, true: World, plan: Plan) -> SessionData:
     """What the station makes of a night under the true world when its file states another."""
     setup = _set_up(station_text(stated), plan.start)
-    loop = StationLoop(setup)
+    loop = StationLoop(setup, anchor_utc_ns=from_text(plan.start) if plan.raw else None)
     loop.take(list(_chunks(true, plan, setup)))
     loop.finish()
     if not loop.session.clock:
@@ -150,7 +151,7 @@ def _chunks(true: World, plan: Plan, setup: Setup) -> Iterator[Chunk]:
         xy_px, index = kept if kept and time_s >= true.frozen_from_s else (xy_px, index)
         kept = xy_px, index
         message = PanoramaMessage(
-            time_us=round(time_s * 1e6) + 1_000_000,
+            time_us=round((time_s + (true.fast_s(time_s) if plan.raw else 0.0)) * 1e6) + 1_000_000,
             frame_no=number,
             exposure_s=_EXPOSURE_S,
             flags=frozenset(),

@@ -246,3 +246,24 @@ def test_an_identifier_that_noise_keeps_from_answering_is_told_from_one_whose_st
     true = replace(stated, noise_px=noise_px, k1=k1)
     finding = judge(session(stated, true, SHORT)).findings[0]
     assert finding.cause.startswith(cause)
+
+
+BY_TAGS = replace(PLAN, raw=True)
+
+
+@pytest.mark.parametrize("vouched", [True, False])
+@pytest.mark.parametrize("ppm", [400_000.0, -500_000.0])
+def test_time_tags_that_run_wrong_are_a_mistake_of_the_set_up(ppm, vouched):
+    stated = replace(WORLD, whole_pixels=False, noise_px=0.1, vouched=vouched)
+    judged = judge(session(stated, replace(stated, clock_ppm=ppm), BY_TAGS))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.reasons[0].startswith("set-up: sensor clock drift: the sensor's time tags")
+    ran, way = judged.findings[0].size.split(" run ")[1].split(" ppm ")
+    assert float(ran) == pytest.approx(abs(ppm), rel=0.01)
+    assert way.startswith("fast" if ppm > 0 else "slow")
+
+
+def test_time_tags_that_run_wrong_excuse_no_sensor_that_looks_elsewhere():
+    stated = replace(WORLD, whole_pixels=False, noise_px=0.1, vouched=True)
+    true = replace(stated, clock_ppm=400_000.0, altitude_deg=WORLD.altitude_deg + 0.05)
+    assert judge(session(stated, true, BY_TAGS)).verdict is Verdict.FAIL
