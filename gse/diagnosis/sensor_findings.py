@@ -121,6 +121,8 @@ def _offset(session: SessionData, own: SensorAnswers, explained: Explained) -> I
     least = _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
     columns = [axis.column for axis in ON_SKY]
     apart = np.column_stack([getattr(own, name)[both] - frames[name][both] for name in columns])
+    circle = _TURN_ARCSEC * np.cos(np.radians(frames["de_true_deg"][both]))
+    apart[:, 0] = apart[0, 0] + (apart[:, 0] - apart[0, 0] + circle / 2) % circle - circle / 2
     off = _Off.typical(frames, both, apart)
     by_stars_arcsec = max(least, explained.shift_arcsec)
     if not off.is_beyond(by_stars_arcsec):
@@ -246,7 +248,8 @@ def _noisy(session: SessionData, own: SensorAnswers, explained_arcsec: float) ->
     """
     frames = session.frames.columns
     offsets_arcsec = answer_differences(own, frames)
-    both = np.flatnonzero(np.isfinite(offsets_arcsec[:, 0]) & np.isfinite(own.cross_x_arcsec))
+    ahead = np.hypot(own.cross_x_arcsec, own.cross_y_arcsec) < _TURN_ARCSEC / 4  # behind, arcs have no steady direction
+    both = np.flatnonzero(np.isfinite(offsets_arcsec[:, 0]) & ahead)
     if len(both) < _FEWEST:
         return
     off = offsets_arcsec[both] - np.median(offsets_arcsec[both], axis=0)

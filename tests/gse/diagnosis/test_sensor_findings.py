@@ -123,6 +123,24 @@ def test_what_lies_across_it_too_is_a_bias(night, ra, de, words):
     assert all(word in text for word in words)
 
 
+def test_a_boresight_that_points_the_other_way_is_a_bias_and_no_noise(night):
+    """Half a circle east is half a circle west, and an arc of half a circle goes any way."""
+    own, frames = beside(night), night.frames.columns
+    side = np.random.default_rng(4).choice([648_000.0, -648_000.0], FRAMES)
+    off = {name: getattr(own, name) for name in SensorAnswers.__slots__}
+    off |= {
+        "ra_deg": (own.ra_deg + 180) % 360,
+        "de_deg": -own.de_deg,
+        "d_ra_cosde_arcsec": side * np.cos(np.radians(frames["de_true_deg"])),
+        "d_de_arcsec": -7200.0 * frames["de_true_deg"].astype(np.float64),
+        "cross_x_arcsec": side,
+        "cross_y_arcsec": np.zeros(FRAMES),
+    }
+    causes = [finding.cause for finding in sensor_findings(night, SensorAnswers(**off), None)]
+    assert "sensor bias" in causes
+    assert "sensor noise" not in causes
+
+
 @pytest.mark.parametrize(("off", "is_said"), [(11.0, False), (15.0, True)])
 def test_four_sigmas_of_whole_pixels_are_let_pass(night, off, is_said):
     """A pixel of 49 arcsec leaves 14.3 in each star, 3.2 in twenty, four times as much is 12.8."""
