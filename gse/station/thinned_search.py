@@ -27,8 +27,9 @@ from gse.values.site import Site
 FIRST_FRAMES = 16
 """Frames without stars that are all searched over the whole sky: a sensor in haze is named once in a few frames."""
 
-EVERY = 100
-"""Of the frames that follow, the whole sky is searched in one of so many: for a sensor that was turned meanwhile."""
+EVERY = 200
+"""Of the frames that follow, the whole sky is searched in one of so many: for a sensor that was turned meanwhile, and
+whose own identifier gives no answer either."""
 
 _AROUND_RAD = math.radians(3.0)
 """What a mount may be turned by, or stated wrong, and be found at once."""

@@ -45,6 +45,15 @@ def test_the_camera_of_a_picture_is_found_also_where_the_brightest_object_is_no_
     assert found.mirrored
 
 
+def test_the_camera_is_found_where_most_stars_are_saturated(catalog):
+    true = replace(STATED, focal_length_px=1.1 * STATED.focal_length_px)
+    seen = panorama_of(true, catalog, 5)
+    assert len(seen.brightness) >= 23
+    saturated = replace(seen, brightness=np.minimum(seen.brightness, seen.brightness[21]))
+    found = find_camera([saturated], STATED, catalog)
+    assert found.camera.focal_length_px == pytest.approx(true.focal_length_px, rel=5e-4)
+
+
 def test_random_objects_have_no_camera(catalog):
     rng = np.random.default_rng(5)
     random = [Panorama(0, rng.uniform(0, 1023, (30, 2)), np.linspace(4000, 300, 30)) for _ in range(3)]
