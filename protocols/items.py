@@ -146,12 +146,19 @@ class Condition:
                 continue
             was = "has not come" if value is None else f"is {_in_words(value)}"
             low, high = wanted if isinstance(wanted, tuple) else (wanted, wanted)
-            ends = f"{_in_words(low)} to {_in_words(high)}" if isinstance(wanted, tuple) else _in_words(low)
+            ends = range_in_words(low, high) if isinstance(wanted, tuple) else _in_words(low)
             yield f"{name} {was} {unit} (expected {ends} {unit}".replace(" ,", ",").replace("  ", " ").rstrip() + ")"
 
 
+def range_in_words(low: ItemValue | None, high: ItemValue | None) -> str:
+    """A range, an end of which may be open."""
+    if low is None or high is None:
+        return f"at most {_in_words(high)}" if low is None else f"at least {_in_words(low)}"
+    return f"{_in_words(low)} to {_in_words(high)}"
+
+
 def _in_words(value: ItemValue | None) -> str:
-    return "any" if value is None else (value or "''") if isinstance(value, str) else f"{value:.6g}"
+    return (value or "''") if isinstance(value, str) else f"{value:.6g}"
 
 
 def _known(name: str, wanted: Wanted, items: Mapping[str, Item]) -> str | float | Range:

@@ -160,6 +160,8 @@ def _reason(item: Any, path: list[str | int]) -> str:
             return f"is {_REPR.repr(item['input'])}: expected 2 to 8 bytes as pairs of hexadecimal digits"
         case "string_pattern_mismatch":
             return f"is {_REPR.repr(item['input'])}: expected a name of letters, digits, _ and -"
+        case "string_type" if isinstance(item["input"], bool):
+            return f"is a YAML word for {str(item['input']).lower()}: put it in quotes, such as 'on' or 'off'"
         case "string_type" if path[-1] == "sync_word":
             return f"is {_REPR.repr(item['input'])}: expected hexadecimal digits in quotes"
         case _:

@@ -53,6 +53,8 @@ from protocols import NO_ANSWER, Condition, EncodeError, Frame, ItemValue, Proto
 
 SILENT_NS = 2 * NS_PER_S
 """A sensor that has sent no frame for so long is silent."""
+_POLL_S = 0.5
+"""Between two requests of a wait for an item that comes only when it is asked for."""
 _PERSON_S = 0.1
 _MOST_LEFT = 100
 """Steps that a program may still give where no loop runs any more: it switches off, and does not try for ever."""
@@ -372,7 +374,11 @@ class Run:
 
     def _wait(self, act: Wait) -> _Ticks:
         condition = Condition(act.until, items_of(self.bench.protocol))
+        polled_s = -_POLL_S
         while differs := condition.what_differs(self._values()):
+            if act.poll and self._passed_s() - polled_s >= _POLL_S:
+                polled_s = self._passed_s()
+                self.bench.send(self._request(act.poll))
             if self._passed_s() >= act.at_most_s or self._hurries:
                 if act.measure:
                     self._measured[act.measure].append(math.inf)
@@ -385,6 +391,12 @@ class Run:
             self._measured[act.measure].append(took_s)
         seen = f"{act.measure} {took_s:.3f} s" if act.measure else f"it came {took_s:.3f} s after {self._after}"
         return Done(StepOutcome.PASS, seen)
+
+    def _request(self, command: str) -> bytes:
+        """The frame of a command without arguments, whose answer is an item; it counts as no command to the sensor."""
+        self._sequence = (self._sequence + 1) % (self.bench.protocol.sequence_modulus or 1)
+        layout = self.bench.protocol.commands[command]
+        return layout.awaited(layout.made()).sent(self._sequence)
 
     def _took_s(self, until: Mapping[str, object]) -> float:
         """From the last command, or switch of the supply, until what made the conditions hold had come."""

@@ -74,12 +74,16 @@ class SwitchPower:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """For a time, or until conditions hold; ``measure`` names the time that it took."""
+    """For a time, or until conditions hold; ``measure`` names the time that it took.
+
+    ``poll`` is a command that is sent again and again meanwhile: items that come only when they are asked for.
+    """
 
     for_s: float | None = None
     until: Conditions = field(default_factory=dict)
     at_most_s: float = 60.0
     measure: str | None = None
+    poll: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,12 +385,12 @@ class _Reader:
         return SwitchPower(node.text == "on")
 
     def _wait(self, node: _Node, number: str) -> Wait:
-        found = self.table(node, ("for", "until", "at_most", "measure"))
+        found = self.table(node, ("for", "until", "at_most", "measure", "poll"))
         if ("for" in found) == ("until" in found):
             raise self.problem(node, "expected one of for: 5s and until: {item: value}")
         if "for" in found:
             if len(found) > 1:
-                raise self.problem(node, "a wait for a time has neither at_most nor measure")
+                raise self.problem(node, "a wait for a time has no at_most, measure or poll")
             return Wait(self.duration(found["for"]))
         measure = self.text(found["measure"]) if "measure" in found else None
         if measure is not None and not measure.endswith("_s"):
@@ -394,7 +398,8 @@ class _Reader:
         until = self.conditions(found["until"])
         if until.get("state") == "acquired" and until.get("link", "streaming") != "streaming":
             raise self.problem(found["until"], f"a sensor that is acquired is not {until['link']}: both never hold")
-        return Wait(None, until, self._at_most(found, 60.0), measure)
+        poll = self.text(found["poll"]) if "poll" in found else ""
+        return Wait(None, until, self._at_most(found, 60.0), measure, poll)
 
     def _pause(self, node: _Node, number: str) -> Wait:
         return Wait(self.duration(self.table(node, ("for",), ("for",))["for"]))
@@ -633,6 +638,7 @@ def _problems(procedure: Procedure, station: Station, protocol: Protocol) -> Ite
                 yield step, here, "the station file has no power: {on: [program], off: [program]}"
             case Wait():
                 yield from _of_conditions(step, act.until, protocol)
+                yield from _of_command(step, Send(act.poll), protocol) if act.poll else ()
                 measured += [act.measure] if act.measure else []
             case Send():
                 yield from _of_command(step, act, protocol)

@@ -106,11 +106,15 @@ class SteppedSession:
         until: Mapping[str, Any] | None = None,
         at_most_s: float | None = None,
         measure: str | None = None,
+        poll: str | None = None,
     ) -> Done:
-        """Wait for a time, or until items have their values; ``measure`` names the time that it took."""
+        """Wait for a time, or until items have their values; ``measure`` names the time that it took.
+
+        ``poll`` is a command that is sent each half second meanwhile, for items that come only when they are asked for.
+        """
         if until is None:
             return self._do({"wait": {"for": f"{for_s or 0:g} s"}})
-        named = {"measure": measure} if measure else {}
+        named = {key: word for key, word in (("measure", measure), ("poll", poll)) if word}
         return self._do({"wait": {"until": dict(until), **_at_most(at_most_s), **named}})
 
     def check(self, items: Mapping[str, Any], *, at_most_s: float | None = None) -> Done:

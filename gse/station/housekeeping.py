@@ -23,6 +23,7 @@ from gse.config.station import DocumentedTest
 from gse.station.events import StationKind
 from gse.station.frame_columns import Columns, ColumnStore, FrameColumns
 from protocols import COLOURS, Item, ItemValue, Protocol, StatusMessage
+from protocols.items import range_in_words
 
 
 class Mode(StrEnum):
@@ -145,7 +146,7 @@ class ItemReader:
     @staticmethod
     def _event(frame: FrameWithItems, item: Item, value: float, *, is_red: bool) -> LinkEvent:
         low, high = item.red or (None, None)
-        ends = " to ".join("any" if end is None else f"{end:g}" for end in (low, high))
+        ends = range_in_words(low, high)
         text = f"{item.name} is {item.text(value)}, {'outside' if is_red else 'back inside'} of its red limits, {ends}"
         kind = StationKind.ITEM_RED if is_red else StationKind.ITEM_BACK
         return LinkEvent(frame.utc_ns, frame.mono_ns, kind, text)

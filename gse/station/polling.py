@@ -56,7 +56,7 @@ class Polling:
             return []
         text = (
             f"{IN_A_ROW} requests in a row were not answered: check the sensor's power, the cable to it, and "
-            "sensor.poll.timeout_ms"
+            "sensor.poll.timeout_ms; one that answers other commands may be in a mode that refuses REQUEST"
         )
         return [LinkEvent(event.utc_ns, event.mono_ns, StationKind.UNANSWERED, text)]
 

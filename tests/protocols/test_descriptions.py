@@ -122,6 +122,11 @@ WRONG = {
     "a bound that is not a number": (changed("max: 4096", "max: .nan"), "fields[2].max", "finite"),
     "a bit that the type does not have": (changed("3: clock reset", "16: clock reset"), "fields[3].bits", "16 does"),
     "a flag that the header does not have": (changed("0: stored", "8: stored"), "header[1].bits", "8 does not fit u8"),
+    "a word that is none in YAML": (
+        changed("1: acquired", "1: on"),
+        "values[1]",
+        "is a YAML word for true: put",
+    ),
     "a word given twice": (changed("1: acquired", "1: lost"), "ATTITUDE.fields[6].values", "twice"),
     "a bound on bits": (changed("{name: status, ", "{name: status, max: 3, "), "fields[3].max", "has none"),
     "a unit on a spare field": (changed("{name: spare, ", "{name: spare, unit: us, "), "fields[6].unit", "has none"),

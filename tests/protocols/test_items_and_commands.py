@@ -262,6 +262,13 @@ def test_a_condition_holds_where_all_items_are_as_wanted(wanted: dict[str, objec
     assert (condition.what_differs(values) == "") is holds
 
 
+def test_what_differs_says_which_end_of_a_range_is_open() -> None:
+    said = [
+        Condition({"supply_v": ends}, ITEMS.items).what_differs({"supply_v": 5.0}) for ends in ((None, 4), (6, None))
+    ]
+    assert said == ["supply_v is 5 V (expected at most 4 V)", "supply_v is 5 V (expected at least 6 V)"]
+
+
 def test_bits_are_named_in_any_order_and_none_of_them_by_an_empty_text() -> None:
     both = Condition({"faults": "detector,memory"}, ITEMS.items)
     assert both.holds({"faults": "memory, detector"})

@@ -100,6 +100,14 @@ def test_all_of_it_is_known_to_a_station_and_its_description():
     assert problems(ALL.replace("mode: standby", "mode: streaming")) == []
 
 
+def test_a_wait_polls_a_command_that_is_known_and_takes_nothing():
+    wait = "  - wait: {until: {mode: streaming}, poll: %s}\n"
+    assert problems(wait % "PING") == []
+    assert "no command 'PIN'; did you mean PING?" in problems(wait % "PIN")[0]
+    assert "exposure" in problems(wait % "SET_EXPOSURE")[0]
+    assert "has no at_most, measure or poll" in refused(HEAD + "  - wait: {for: 5s, poll: PING}\n")
+
+
 def test_a_run_takes_between_its_waits_and_its_longest_waits():
     procedure = parse_procedure(HEAD + ALL)
     assert runs_of(procedure.steps) == 9 + 30 * 4

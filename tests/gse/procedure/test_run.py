@@ -159,6 +159,19 @@ def test_a_sensor_refuses_what_is_out_of_the_range_of_its_description(run, tmp_p
     assert "mode is tracking: SET_MODE, mode tracking; expected a refusal (NAK)" in ran.steps["4"]["seen"]
 
 
+@pytest.mark.parametrize(("poll", "outcome"), [("", "FAIL"), (", poll: HEALTH_REQUEST", "PASS")])
+def test_a_wait_asks_for_an_item_that_comes_only_when_it_is_asked_for(run, gse, tmp_path, poll, outcome):
+    (tmp_path / "sensor.yaml").write_text(ITEMS_TEXT)
+    (tmp_path / "slow.yaml").write_text("text: it boots\nfirmware: {items: {mode: [[0, boot], [9, tracking]]}}\n")
+    station = STATION.replace("sim://", f"sim://?scenario={tmp_path}/slow.yaml") + "protocol: sensor.yaml\n"
+    ran = run(f"  - wait: {{until: {{mode: tracking}}, at_most: 20s{poll}}}\n", station=station)
+    assert ran.steps["1"]["outcome"] == outcome
+    assert ("mode has not come" in ran.steps["1"]["seen"]) == (outcome == "FAIL")
+    gse("replay", ran.folder, "--out", tmp_path / "again")
+    (again,) = (tmp_path / "again").iterdir()
+    assert (again / "report.json").read_bytes() == (ran.folder / "report.json").read_bytes()
+
+
 class QuietBench:
     """A bench on which nothing happens but that somebody ends the run; it keeps what is recorded."""
 
