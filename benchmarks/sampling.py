@@ -23,10 +23,13 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import foldnorm
 
+from gse.statistics.availability import available_share
 from gse.statistics.axis_statistics import axis_statistics
-from gse.statistics.decision import exceeds, further_share, keeps
+from gse.statistics.decision import Outcome as Word
+from gse.statistics.decision import Share, exceeds, further_share, keeps, share_outcome, share_times
 from gse.statistics.sampling import error_bounds
 from gse.values.instant import NS_PER_S
+from gse.values.limits import Decision
 from gse.verdict.planning import Expected, accuracy_frames, simulated_errors
 
 TRUE_VALUES = 1_000_000
@@ -202,6 +205,49 @@ def _judged(one: NDArray[np.float64], limits: list[float]) -> tuple[str, float]:
     return word, 1 + further
 
 
+SHARES = [(n, length) for length in (1, 10, 30, 100) for n in (600, 3600, 21_600)]
+"""Frames, and those of an outage."""
+LEAST, AVAILABLE, MOST, NEAR = 0.01, 0.95, 0.09, 0.012
+"""True shares of absences, evenly between these two; what is asked; those within NEAR of it are told apart."""
+
+
+def shares(task: tuple[tuple[int, int], int]) -> tuple[int, ...]:
+    """What becomes of undecided availabilities that go on, in sessions.
+
+    Undecided; those to whom less than LONGEST lengths are told; of these, decided after them; both near the limit.
+    """
+    (n, length), sessions = task
+    generator, undecided, told = np.random.default_rng((7, n, length)), 0, []
+    for _ in range(sessions):
+        absent = generator.uniform(LEAST, MOST)
+        good = with_outages(LONGEST * n, absent, length, generator)
+        share = available_share(good[:n])[0]
+        if _word(share) is not Word.INCONCLUSIVE:
+            continue
+        undecided += 1
+        times = 1 + share_times(share, AVAILABLE, at_least=True)
+        if times < LONGEST:
+            later = _word(available_share(good[: math.ceil(n * times)])[0])
+            told.append((later is not Word.INCONCLUSIVE, abs(absent - 1 + AVAILABLE) < NEAR))
+    near = [decided for decided, is_near in told if is_near]
+    return undecided, len(told), sum(decided for decided, _ in told), len(near), sum(near)
+
+
+def _word(share: Share) -> Word:
+    return share_outcome(share, AVAILABLE, at_least=True, decision=Decision.GUARDED)
+
+
+def with_outages(n: int, absent: float, length: int, generator: np.random.Generator) -> NDArray[np.bool_]:
+    """Frames (n,) with good answers but for a share in outages of one length, at random times."""
+    number = int(1.3 * n * absent / length) + 50
+    gaps = generator.geometric(absent / (absent + length * (1 - absent)), number) - 1
+    first = np.cumsum(gaps) + length * np.arange(number) - generator.integers(0, max(int(length / absent), 1))
+    frames = (first[:, None] + np.arange(length)).ravel()
+    good = np.ones(n, dtype=np.bool_)
+    good[frames[(frames >= 0) & (frames < n)]] = False
+    return good
+
+
 def plans() -> list[tuple[Expected, float, float]]:
     """What is expected, a limit, the standard uncertainty of truth."""
     return [
@@ -258,10 +304,15 @@ def main() -> None:
         )
         print("|---" * 8 + "|")
         going_on = [(one, min(given.sessions, 400)) for one in LONGER]
-        for ((n, time, share), _), shares in zip(going_on, pool.map(longer, going_on), strict=True):
+        for ((n, time, share), _), became in zip(going_on, pool.map(longer, going_on), strict=True):
             print(
-                f"| {n} | {time:g} | {share:g} | " + " | ".join(f"{100 * one:.1f}" for one in shares) + " |", flush=True
+                f"| {n} | {time:g} | {share:g} | " + " | ".join(f"{100 * one:.1f}" for one in became) + " |", flush=True
             )
+        print("\n| frames | in outages of | undecided | told | then decided | told near | then decided |")
+        print("|---" * 7 + "|")
+        absent = [(one, min(given.sessions, 600)) for one in SHARES if one[0] in given.frames]
+        for (cell, _), counts in zip(absent, pool.map(shares, absent), strict=True):
+            print("| " + " | ".join(map(str, cell + counts)) + " |", flush=True)
         asked = [] if given.no_plan else [(plan, min(given.sessions, 1000)) for plan in plans()]
         print("\n| bias | noise | tau s | frames/s | limit | truth | planned | needed | PASS in % after the plan's |")
         print("|---" * 9 + "|")

@@ -61,7 +61,7 @@ def _headline(assessment: "Assessment", left_min: float) -> str:
         return f"{assessment.word}: {_more_minutes(left_min)} would have decided"
     if math.isnan(left_min):
         return f"{assessment.word}: too short to tell how long it must be"
-    return "\n".join([f"{assessment.word}: a longer session like this decides nothing", *assessment.reasons])
+    return "\n".join([f"{assessment.word}: no length can be named that decides", *assessment.reasons])
 
 
 def _left(minutes: float) -> dict[str, Any]:
@@ -72,7 +72,7 @@ def _more_minutes(minutes: float) -> str:
     if math.isnan(minutes):
         return "too short to tell"
     if math.isinf(minutes):
-        return "no length decides"
+        return "no length can be named that decides"
     count = max(math.ceil(minutes), 1)
     return f"{count} more minute{'s' if count > 1 else ''}"
 

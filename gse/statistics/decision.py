@@ -87,6 +87,7 @@ DECISION_TEXT = {
 _SAYS_NOTHING = 0.5
 """A lower bound below half of its limit tells nothing of it."""
 _NO_LENGTH = "a longer session cannot decide"
+_NONE_NAMED = "no length can be named that decides"
 _TOO_NEAR = "it lies too near the limit for a longer session to decide"
 _NAN = float("nan")
 
@@ -360,7 +361,7 @@ def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str =
         if at_least and share.lower < _SAYS_NOTHING * asked.limit:
             shows = ""
             events = events or ("the answers that are missing came together" if share.count < share.of else "")
-        why = f"{events}, too few events to tell" if events else how_long(share, asked.limit, at_least=at_least)
+        why = how_long(share, asked.limit, at_least=at_least, events=events)
         reason = f"{seen}{shows}, the limit is {limit}: {why}"
     return Row(
         asked.subject,
@@ -395,35 +396,41 @@ def share_outcome(share: Share, limit: float, *, at_least: bool, decision: Decis
 
 
 def share_times(share: Share, limit: float, *, at_least: bool) -> float:
-    """Further lengths of the session after which DECIDED of all sessions like it have decided a share.
+    """Further lengths of the session after which DECIDED of all sessions like it pass, or as many fail.
 
-    The true share is drawn from what the seen one leaves open, and the share of what is still to come from that. What
-    never happened, or always did, is taken to go on so. 0 where the share is decided; infinite as for further_share.
+    The true share of what is wrong is drawn from Clopper and Pearson's distribution of it: for a PASS from the upper
+    one, for a FAIL from the lower; the share of what is still to come is drawn from that. No prior is neutral to a few
+    events, and these two take the true share as near to the limit as the session allows. What never happened, or always
+    did, is taken to go on so. 0 where the share is decided; infinite where no length of up to MOST_LENGTHS decides.
     """
-    happened = share.n_eff * share.value
-    true: NDArray[np.float64] = np.array([share.value])
-    if 0 < happened < share.n_eff:
-        true = betaincinv(happened, share.n_eff - happened, ndtr(_points()[0]))
-    scatter = np.sqrt(true * (1 - true)) * _points()[1, : len(true)]
+    wrong, most = (1 - share.value, 1 - limit) if at_least else (share.value, limit)
+    seen, others = share.n_eff * wrong, share.n_eff * (1 - wrong)
+    chances, scatter = ndtr(_points()[0]), _points()[1]
+    upper, lower = np.full((2, 1), wrong)
+    if seen > 0 and others > 0:
+        upper, lower = betaincinv(seen + 1, others, chances), betaincinv(seen, others + 1, chances)
+
+    def further(true: NDArray[np.float64], more: float) -> NDArray[np.float64]:
+        return np.asarray(np.clip(more * true + np.sqrt(more * true * (1 - true)) * scatter, 0, more))
 
     def is_decided(times: float) -> bool:
-        number, more = share.n_eff * times, share.n_eff * (times - 1)
-        count = np.clip(happened + more * true + math.sqrt(more) * scatter, happened, happened + more)
-        with np.errstate(invalid="ignore"):
-            lower = np.where(count > 0, betaincinv(count, number - count + 1, RISK), 0.0)
-            upper = np.where(count < number, betaincinv(count + 1, number - count, 1 - RISK), 1.0)
-        above, below = (lower >= limit, upper < limit) if at_least else (lower > limit, upper <= limit)
-        return bool((above | below).mean() >= DECIDED)
+        more = share.n_eff * (times - 1)
+        new = further(upper, more)
+        passes = betainc(seen + new + 1, others + more - new, most) >= 1 - RISK
+        new = further(lower, more)
+        fails = betainc(seen + new, others + more - new + 1, most) < RISK
+        return bool(max(passes.mean(), fails.mean()) >= DECIDED)
 
     return _first(is_decided) - 1 if is_decided(MOST_LENGTHS) else math.inf
 
 
-def how_long(share: Share, limit: float, *, at_least: bool) -> str:
-    """Which session would have decided a share that is undecided, in words."""
+def how_long(share: Share, limit: float, *, at_least: bool, events: str = "") -> str:
+    """Which session would have decided a share that is undecided, in words; ``events`` as for judge_share."""
     times = 1 + share_times(share, limit, at_least=at_least)
     if math.isinf(times):
-        return _NO_LENGTH
-    return f"a session {max(times, 1.1):.{0 if times >= 10 else 1}f} times as long decides"
+        return f"{events}, too few events to tell" if events else _NONE_NAMED
+    decides = f"a session {max(times, 1.1):.{0 if times >= 10 else 1}f} times as long decides"
+    return f"{events}; {decides}" if events else decides
 
 
 def _first(is_so: Callable[[float], bool]) -> float:

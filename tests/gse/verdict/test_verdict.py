@@ -279,7 +279,7 @@ def test_an_identification_that_is_slower_than_the_limit_fails():
     [
         (200, "is 250.0 ms, the limit is 200 ms (200 of 200 frames are slower)"),
         # scipy.stats.beta.ppf(0.95, 4, 197) = 0.0383
-        (3, "is 250.0 ms, the limit is 200 ms (3 of 200 frames are slower, which shows at most 3.8 %: a session 42"),
+        (3, "is 250.0 ms, the limit is 200 ms (3 of 200 frames are slower, which shows at most 3.8 %: no length can"),
     ],
 )
 def test_a_time_that_fails_or_is_not_decided_is_told_in_milliseconds(slow, words):
