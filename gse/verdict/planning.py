@@ -34,8 +34,8 @@ NEVER = math.inf
 _SEED = 1
 _FIRST_N_EFF = 60.0
 _LEAST_N_EFF = 10.0
-_PER_INDEPENDENT = 8.0
-"""Simulated frames in the time of one independent value: more would change nothing."""
+_PER_INDEPENDENT = 60.0
+"""Simulated frames in the time of one independent value: more change nothing; eight make a plan a quarter too short."""
 _MAX_STEPS = 10
 _CLOSE = 0.08
 _MOST_STRETCH = 2.0

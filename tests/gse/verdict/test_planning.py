@@ -42,8 +42,8 @@ def test_mean_and_95th_percentile_are_those_of_a_folded_normal_distribution(bias
 
 
 def test_the_same_minutes_decide_at_any_rate_of_frames_where_errors_hang_together():
-    """Twenty seconds make a value, of 20 frames or of 100."""
-    slow, fast = (accuracy_frames(Expected(0.0, 20.0, 20.0, hz), 60.0, truth_arcsec=0.0) for hz in (1.0, 5.0))
+    """Twenty seconds make a value, of 60 frames or of 300."""
+    slow, fast = (accuracy_frames(Expected(0.0, 20.0, 20.0, hz), 60.0, truth_arcsec=0.0) for hz in (3.0, 15.0))
     assert fast == pytest.approx(5 * slow, abs=5)
 
 
@@ -175,7 +175,7 @@ def test_distances_shrink_with_the_root_of_the_length_until_nine_of_ten_sessions
     [
         (Expected(4.0, 2.0, 0.0, 1.0), 40.0, 40, Expected(2.0, 1.0, 0.0, 1.0)),
         (Expected(0.0, 3.0, 4.0, 1.0), 12.0, 48, Expected(0.0, 1.0, 4.0, 1.0)),
-        (Expected(0.0, 3.0, 40.0, 1.0), 5.0, 40, Expected(0.0, 1.0, 8.0, 1.0)),  # 8 frames a value tell as much as 40
+        (Expected(0.0, 3.0, 300.0, 1.0), 5.0, 300, Expected(0.0, 1.0, 60.0, 1.0)),  # 60 a value tell as much as 300
         (Expected(-3.0, 3.0, 0.0, 1.0), 12.0, MIN_FRAMES, Expected(-1.0, 1.0, 0.0, 1.0)),  # fewer frames have no bounds
     ],
 )
