@@ -259,10 +259,10 @@ def search_many(
 
     Panorama k is the rows ``first[k]`` to before ``first[k + 1]`` of ``directions`` and ``brightness``; its answer is
     ``ends[k]`` to before ``ends[k + 1]`` of the objects and stars returned, from the image or, where ``mirrored``,
-    from the flipped image. Evidence that comes to no answer is minus infinity.
+    from the flipped image. Evidence that comes to no answer is that of the image as it is.
     """
     count = len(first) - 1
-    evidence, mirrored = np.full((count, 2), -np.inf), np.zeros(count, dtype=np.bool_)
+    evidence, mirrored = np.empty((count, 2)), np.zeros(count, dtype=np.bool_)
     ends = np.zeros(count + 1, dtype=np.int64)
     objects, stars = np.empty(len(brightness), dtype=np.int64), np.empty(len(brightness), dtype=np.int64)
     for k in range(count):
@@ -271,6 +271,8 @@ def search_many(
         for turn in range(2):
             passes, needed = (len(plan), LOG_ACCEPTED) if turn == 0 else (_MIRROR_PASSES, _LOG_MIRRORED)
             best, second, found, of_sky = search(sky, seen, bright, plan[:passes], known)
+            if turn == 0:
+                evidence[k, 0], evidence[k, 1] = best, second
             if best >= needed and (turn == 0 or best - second >= LOG_UNAMBIGUOUS):
                 evidence[k, 0], evidence[k, 1], mirrored[k] = best, second, turn == 1
                 for i in range(len(found)):  # a slice at once would bring numba's texts of its errors along
@@ -280,18 +282,6 @@ def search_many(
             for i in range(len(seen)):
                 seen[i, 0] *= -1.0
     return evidence, mirrored, ends, objects[: ends[count]], stars[: ends[count]]
-
-
-@compiled
-def best_evidence(
-    sky: tuple[Any, ...],
-    directions: NDArray[np.float64],
-    brightness: NDArray[np.float64],
-    plan: NDArray[np.float64],
-    known: NDArray[np.float64],
-) -> float:
-    """The logarithm of the evidence that ``search`` finds."""
-    return search(sky, directions, brightness, plan, known)[0]
 
 
 @compiled_part

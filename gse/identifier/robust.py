@@ -56,7 +56,7 @@ from numpy.typing import NDArray
 from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
-from gse.identifier.hypotheses import best_evidence, search_many
+from gse.identifier.hypotheses import search_many
 from gse.identifier.input_checks import refusal, refusals
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.robust_tables import SkyTables, field_radius_rad, part_of_sky, sky_tables
@@ -186,7 +186,9 @@ class RobustIdentifier:
     ) -> float:
         """False match probability of the best attitude found, even one that is not good enough for an answer."""
         directions, brightness = _contiguous(directions_sensor, brightness)
-        return _false_match_probability(best_evidence(self._sky, directions, brightness, self._plan, self._noise))
+        first = np.array([0, len(brightness)])
+        evidence = search_many(self._sky, directions, brightness, first, self._plan, self._noise)[0]
+        return _false_match_probability(float(evidence[0, 0]))
 
     def identify_many(self, objects: ObjectColumns) -> Answers:
         """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""
@@ -243,7 +245,8 @@ def _believed(
     ``evidence`` (K, 2) are the logarithms of the best and of the second best. Rows (M,) of objects and stars are parts.
     """
     found = list(zip(*evidence.T.tolist(), mirrored.tolist(), strict=True))
-    probability = np.array([_false_match_probability(best) for best, _, _ in found])
+    # Where nothing is believed a random panorama would be as good.
+    probability = np.array([_false_match_probability(best) if best >= LOG_ACCEPTED else 1.0 for best, _, _ in found])
     each = zip(found, parts.counts.tolist(), counts.tolist(), strict=True)
     refused = {k: wrong for k, (one, *sizes) in enumerate(each) if (wrong := _wrong(*one, *sizes))}
     return Answers(parts, objects, stars, probability, {}).but(refused)

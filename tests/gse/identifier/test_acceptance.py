@@ -136,10 +136,14 @@ def evidence_of(false_match_probability):
     return math.log(0.05 / false_match_probability)
 
 
-def by_evidence(best, second=-math.inf, *, mirrored=False):
+def answers_by_evidence(best, second=-math.inf, *, mirrored=False):
     rows = np.arange(8)
     eight = Parts.of_counts(np.array([8]))
-    return _believed(np.array([[best, second]]), np.array([mirrored]), eight, rows, rows, np.array([10]))[0]
+    return _believed(np.array([[best, second]]), np.array([mirrored]), eight, rows, rows, np.array([10]))
+
+
+def by_evidence(*evidence, **options):
+    return answers_by_evidence(*evidence, **options)[0]
 
 
 def test_the_robust_identifier_answers_where_chance_would_in_one_of_a_thousand_or_less():
@@ -149,6 +153,7 @@ def test_the_robust_identifier_answers_where_chance_would_in_one_of_a_thousand_o
     assert by_evidence(evidence_of(1e-12)).false_match_probability == pytest.approx(1e-12)
     assert by_evidence(evidence_of(1.001e-3)).reason is Reason.NO_MATCH
     assert by_evidence(-math.inf).reason is Reason.NO_MATCH
+    assert answers_by_evidence(evidence_of(1.001e-3)).false_match_probability == [1.0]
 
 
 def test_an_answer_is_ambiguous_where_another_explains_the_objects_up_to_a_hundred_times_worse():
