@@ -5,6 +5,11 @@ import json
 import pytest
 from devices.emulated_sensor import STATION
 
+from gse.campaign.dataset import DataSet
+from gse.campaign.engine import plan_campaign
+from gse.campaign.judging import judge_source
+from gse.campaign.sources import find_sources
+
 pytest.importorskip("distributed")
 
 STEPS = """\
@@ -26,7 +31,9 @@ def test_the_steps_of_many_units_are_one_table(gse, tmp_path):
         (tmp_path / "test.yaml").write_text(steps)
         gse("procedure", "run", tmp_path / "test.yaml", "--out", tmp_path / "runs", "--no-plots")
     dataset = tmp_path / "dataset"
-    gse("campaign", "judge", tmp_path / "runs" / "*", "--out", dataset, "--workers", "1")
+    campaign = plan_campaign(find_sources([str(tmp_path / "runs" / "*")]), DataSet.at(str(dataset), create=True))
+    assert [judge_source(source, campaign.job).error for source in campaign.todo] == ["", ""]
+    campaign.dataset.renew_index([])
     sql = "select sensor, number, outcome, procedure from steps order by all"
     rows = [json.loads(line) for line in gse("campaign", "query", dataset, sql, "--format", "json").out.splitlines()]
     assert [(row["sensor"], row["number"], row["outcome"]) for row in rows] == [
