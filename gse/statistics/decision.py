@@ -360,7 +360,7 @@ def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str =
         shows = f" show {bound} with 95 % confidence"
         if at_least and share.lower < _SAYS_NOTHING * asked.limit:
             shows = ""
-            events = events or ("the answers that are missing came together" if share.count < share.of else "")
+            events = events or ("the answers that are missing came together" if share.count < share.of - 1 else "")
         why = how_long(share, asked.limit, at_least=at_least, events=events)
         reason = f"{seen}{shows}, the limit is {limit}: {why}"
     return Row(
@@ -429,7 +429,8 @@ def how_long(share: Share, limit: float, *, at_least: bool, events: str = "") ->
     times = 1 + share_times(share, limit, at_least=at_least)
     if math.isinf(times):
         return f"{events}, too few events to tell" if events else _NONE_NAMED
-    decides = f"a session {max(times, 1.1):.{0 if times >= 10 else 1}f} times as long decides"
+    times = max(times, 1.1, 1 + 1 / share.of)  # one frame more at least
+    decides = f"a session {times:.{0 if times >= 10 else 1}f} times as long decides"
     return f"{events}; {decides}" if events else decides
 
 

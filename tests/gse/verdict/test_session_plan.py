@@ -168,6 +168,12 @@ def test_an_undecided_share_says_which_session_decides(share, words):
     assert judge_share(asked, share, at_least=False).reason.endswith(f"the limit is 1.00 %: {words}")
 
 
+def test_one_frame_without_an_answer_is_told_of_a_second_frame_and_not_of_a_tenth():
+    asked = Criterion(Subject.ONBOARD, "availability", 0.95, Decision.GUARDED)
+    reason = judge_share(asked, share_of(0, 1), at_least=True).reason
+    assert reason.endswith("0 of 1 frame (0.00 %), the limit is 95.00 %: a session 2.0 times as long decides")
+
+
 @pytest.mark.parametrize(("frames", "in_outages_of", "least_told"), [(600, 1, 15), (3600, 10, 15), (3600, 30, 15)])
 def test_four_of_five_sessions_are_decided_when_they_go_on_as_long_as_they_were_told(frames, in_outages_of, least_told):
     """Of sensors that miss 1 to 9 % of the answers, at a limit of 5 %; who is told more than ten sessions goes home."""
