@@ -56,7 +56,7 @@ def test_faults_are_in_the_session_as_the_cable_makes_them(tmp_path: Path) -> No
     ("arguments", "error", "words"),
     [
         (["--scenario", "nowhere"], ConfigError, "expected one of clear-zenith"),
-        (["--start", "soon"], PortError, "2026-03-20T18:30:00Z"),
+        (["--start-utc", "soon"], PortError, "2026-03-20T18:30:00Z"),
         (["--faults", "gremlins:1"], PortError, "gremlins"),
     ],
 )
@@ -89,4 +89,4 @@ def test_by_day_the_advice_names_what_the_command_has(tmp_path: Path) -> None:
     words = " ".join(told.split())
     assert "the Sun is 84 deg up at this site" in words
     assert words.endswith("no stars; --start-utc chooses a night")
-    assert set(re.findall("--[a-z]+", words)) <= {word for option in command.params for word in option.opts}
+    assert set(re.findall("--[a-z-]+", words)) <= {word for option in command.params for word in option.opts}
