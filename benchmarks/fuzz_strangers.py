@@ -42,6 +42,8 @@ with atheris.instrument_imports(include=["gse.cli", "gse.sessions", "gse.campaig
     import pyarrow.parquet as pq
 
     import gse.api
+    import gse.campaign.dataset  # gse.api and the commands import it when they need it
+    import gse.campaign.query
     from drivers.outside_text import is_plain
     from gse.cli.campaign import query_command
     from gse.cli.sessions import command as sessions_command
