@@ -13,7 +13,7 @@ from gse.station.frame_columns import ColumnStore, FrameColumns
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; the capacity doubles when it is full."""
 MOST_IN_MEMORY = 1 << 16
-"""Frames of a replay: 12 MB, 1.8 h at 10 Hz; those of a longer one lie in a temporary file, 180 bytes each."""
+"""Frames of a replay: 13 MB, 1.8 h at 10 Hz; those of a longer one lie in a temporary file, 195 bytes each."""
 MOST_MATCHES = 250_000
 """In a longer session only every second, fourth, ... frame keeps its matches: 5 MB are enough for maps and fits. And so
 for its other objects, which pictures show."""
