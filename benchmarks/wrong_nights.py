@@ -20,14 +20,16 @@ import tempfile
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import astropy.units as u
 import numpy as np
-from astropy.coordinates import FK5, AltAz, EarthLocation, SkyCoord
+from astropy.constants import c
+from astropy.coordinates import FK5, AltAz, EarthLocation, SkyCoord, get_body_barycentric_posvel
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
+from scipy.spatial.transform import Rotation
 
 from gse.cli import main as gse
 
@@ -50,6 +52,7 @@ class Frame:
     status: int = 0
     sent: bool = True
     alone: bool = False
+    quaternion: tuple[float, ...] | None = None
 
 
 Frames = list[Frame]
@@ -62,7 +65,8 @@ class Night:
 
     ``words`` are the right ones; ``cause`` are patterns, with ``or`` between them, of the first finding, or
     of the first reason after ``reason:``.
-    ``turn_arcsec`` gives from the time what turns the sensor about its columns, rows and boresight.
+    ``place`` is what is true otherwise than in TRUE. ``turn_arcsec`` gives from the time what turns the sensor about
+    its columns, rows and boresight.
     """
 
     name: str
@@ -82,8 +86,9 @@ class Night:
     start_off_s: float = 0.0
     command: str = ""
     noise_px: float = 0.1
-    altitude_deg: float = 62.0
+    place: dict[str, object] = field(default_factory=dict)
     alone: bool = False
+    quaternions: bool = False
 
 
 TRUE = {
@@ -92,14 +97,15 @@ TRUE = {
     "temperature_c": 24.0, "azimuth_deg": 40.0, "altitude_deg": 62.0, "roll_deg": 20.0,
 }  # fmt: skip
 SENSOR = ("rows", "columns", "focal_length_px", "principal_point_px", "mirrored")
+MOUNT = ("azimuth_deg", "altitude_deg", "roll_deg")
 SITE = ("latitude_deg", "longitude_deg", "height_m", "pressure_hpa", "temperature_c")
 
 
 def station_text(night: Night) -> str:
     """The station file of a night, as it is stated."""
-    stated = {**TRUE, "altitude_deg": night.altitude_deg, **night.stated}
+    stated = {**TRUE, **night.place, **night.stated}
     sensor, site = (", ".join(f"{key}: {stated[key]}" for key in keys) for keys in (SENSOR, SITE))
-    mount = ", ".join(f"{key}: {stated[key]}" for key in ("azimuth_deg", "altitude_deg", "roll_deg"))
+    mount = ", ".join(f"{key}: {stated[key]}" for key in MOUNT)
     if night.vouched:
         site += ", uncertainty: {position_m: 20}"
         mount += ", uncertainty: {azimuth_arcsec: 8, altitude_arcsec: 8, roll_arcsec: 30}"
@@ -108,9 +114,15 @@ sensor: {{name: made, {sensor}}}
 site: {{name: roof, {site}, relative_humidity: 0.8}}
 mount: {{{mount}}}
 port: {{url: "loop://", baudrate: 115200}}
-protocol: {"{folder}/alone.yaml" if night.alone else "panorama-v1-subpixel"}
+protocol: {protocol_of(night)}
 {f"identifier: {{algorithm: external, command: {json.dumps(night.command.split())}}}" if night.command else ""}
 """
+
+
+def protocol_of(night: Night) -> str:
+    if night.quaternions:
+        return "{folder}/quaternion.yaml"
+    return "{folder}/alone.yaml" if night.alone else "panorama-v1-subpixel"
 
 
 # The sky
@@ -173,8 +185,8 @@ def exposures(night: Night, rng: np.random.Generator) -> Frames:
     """The frames of a night before anybody meddles with them."""
     seconds = np.arange(night.frames) * night.step_s
     nodes = np.arange(-1, int(seconds[-1] // NODE_S) + 4) * NODE_S
-    site = {key: TRUE[key] for key in SITE}
-    axes = axes_of(TRUE["azimuth_deg"], night.altitude_deg, TRUE["roll_deg"])
+    true = {**TRUE, **night.place}
+    site, axes = {key: true[key] for key in SITE}, axes_of(*(true[key] for key in MOUNT))
     icrs, magnitudes = catalog()
     first = horizon(site, night.start, nodes[[0, -1]], icrs)
     near = (first @ axes[2] > np.cos(np.radians(36))).any(axis=0) & (magnitudes < FAINTEST_MAG)
@@ -200,8 +212,8 @@ def one_exposure(
     if night.own:
         vectors = sensor[inside] / np.linalg.norm(sensor[inside], axis=1)[:, None]
         left, _, right = np.linalg.svd(vectors.T @ icrs[inside])
-        own = angles_of(left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right)
-        own = (np.array(own) + rng.normal(0, [2, 2, 20]) / 3600 / [np.cos(np.radians(own[1])), 1, 1]).tolist()
+        attitude = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+        own = angles_of(turned(attitude, tuple(rng.normal(0, [2, 2, 20]))))
     seen = magnitudes + rng.normal(0, 0.1, len(magnitudes)) + night.dim_mag(at_s)
     inside &= seen < FAINTEST_MAG - 0.4
     if night.hidden is not None:
@@ -241,9 +253,11 @@ def encoded(frames: Frames) -> bytes:
             sequence += 1
         if one.own_deg is not None:
             ra, de, roll = one.own_deg
-            angles = round(ra % 360 * 1e6), round(de * 1e6), round(roll % 360 * 1e6)
-            answer = struct.pack(">QIIiIBBI", time_us, one.number, *angles, 12, int(one.acquired), 40_000)
-            out += framed(3, answer + bytes(10), sequence)
+            angles = struct.pack(">IiI", round(ra % 360 * 1e6), round(de * 1e6), round(roll % 360 * 1e6))
+            if one.quaternion is not None:
+                angles = struct.pack(">4d", *one.quaternion)
+            answer = struct.pack(">BBI", 12, int(one.acquired), 40_000) + bytes(10)
+            out += framed(3, struct.pack(">QI", time_us, one.number) + angles + answer, sequence)
             sequence += 1
     return bytes(out)
 
@@ -366,6 +380,77 @@ def of_date(ra: float, de: float, roll: float) -> tuple[float, float, float]:
     return here.ra.deg, here.dec.deg, here.position_angle(up).deg
 
 
+def precessed_back(ra: float, de: float, roll: float) -> tuple[float, float, float]:
+    """As far from ICRS as those of date, on the other side."""
+    of = of_date(ra, de, roll)
+    return 2 * ra - of[0], 2 * de - of[1], 2 * roll - of[2]
+
+
+def quaternions(order: Callable[[tuple[float, ...]], tuple[float, ...]], first: Meddle | None = None) -> Meddle:
+    """The sensor states quaternions, in some order of x, y, z and the scalar; every second one of the other sign."""
+
+    def meddle(frames: Frames, rng: np.random.Generator) -> None:
+        if first is not None:
+            first(frames, rng)
+        for one in frames:
+            ra, de, roll = np.radians(one.own_deg)
+            out = np.array([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
+            north = np.array([-np.sin(de) * np.cos(ra), -np.sin(de) * np.sin(ra), np.cos(de)])
+            up = np.cos(roll) * north + np.sin(roll) * np.array([-np.sin(ra), np.cos(ra), 0])
+            axes = np.array([np.cross(out, up), -up, out])
+            turn = Rotation.from_matrix(axes.T).as_quat() * (-1) ** one.number
+            one.quaternion = order(tuple(turn.tolist()))
+
+    return meddle
+
+
+def own_late(frames_late: int) -> Meddle:
+    """The sensor's own answer is that of so many exposures before; at first it has none."""
+
+    def meddle(frames: Frames, rng: np.random.Generator) -> None:
+        answers = [one.own_deg for one in frames]
+        for one in frames:
+            one.own_deg, one.acquired = answers[one.number - frames_late], one.number >= frames_late
+
+    return meddle
+
+
+def displaced(start: str, by: Callable[[Time], np.ndarray]) -> Meddle:
+    """The sensor's own RA and DE are displaced by vectors (3, M) at the instants of a night."""
+
+    def meddle(frames: Frames, rng: np.random.Generator) -> None:
+        instants = Time(start, scale="utc") + TimeDelta([one.time_s for one in frames], format="sec")
+        own = np.array([one.own_deg for one in frames])
+        x, y, z = SkyCoord(*own.T[:2] * u.deg, frame="icrs").cartesian.xyz.value + by(instants)
+        there = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))]).T
+        for one, angles in zip(frames, there.tolist(), strict=True):
+            one.own_deg[:2] = angles
+
+    return meddle
+
+
+def aberration(times: float) -> Callable[[Time], np.ndarray]:
+    """By the Earth's velocity about the Sun, so many times: 1 takes out what a simple sensor leaves in."""
+    return lambda instants: times * (get_body_barycentric_posvel("earth", instants)[1].xyz / c).to_value(u.one)
+
+
+def lifted(place: dict[str, object], times: float) -> Callable[[Time], np.ndarray]:
+    """By so many times the refraction at the boresight, away from the horizon."""
+    true = {**TRUE, **place}
+
+    def by(instants: Time) -> np.ndarray:
+        where = EarthLocation.from_geodetic(*(true[key] * u.deg for key in SITE[1::-1]), true["height_m"] * u.m)
+        air = {"temperature": true["temperature_c"] * u.deg_C, "relative_humidity": 0.8, "obswl": 0.6 * u.um}
+        without, within = (
+            AltAz(true["azimuth_deg"] * u.deg, true["altitude_deg"] * u.deg, obstime=instants, location=where,
+                  pressure=pressure * u.hPa, **air)
+            for pressure in (0, true["pressure_hpa"])
+        )  # fmt: skip
+        return times * (SkyCoord(without).icrs.cartesian.xyz - SkyCoord(within).icrs.cartesian.xyz).value
+
+    return by
+
+
 def scattered(frames: Frames, rng: np.random.Generator) -> None:
     """The sensor's own answers have a noise of 100 arcsec in declination."""
     for one in frames:
@@ -380,6 +465,10 @@ def restarted(frames: Frames, rng: np.random.Generator) -> Frames:
     for one in late:
         one.time_s, one.number = one.time_s - first_s, one.number - first
     return kept
+
+
+def fast(share: float) -> Meddle:
+    return each(lambda one: setattr(one, "time_s", one.time_s * (1 + share)))
 
 
 def in_pairs(frames: Frames, rng: np.random.Generator) -> Frames:
@@ -402,7 +491,10 @@ def of_size(columns: int, rows: int) -> dict[str, object]:
 
 OWN_FALSE = r"reason:^sensor (false answers|d(RA|DE))"
 SET_UP = (OPEN,)
-DAWN = "2026-03-20T21:50:00"
+MARCH, DAWN, RA_ZERO = "2026-03-20T15:00:00", "2026-03-20T21:50:00", "2026-08-20T17:43:40"
+NORTH = {"latitude_deg": 78.0, "longitude_deg": 15.0}
+ZENITH, POLE = {**NORTH, "altitude_deg": 90.0}, {**NORTH, "azimuth_deg": 0.0, "altitude_deg": 77.95}
+WINTER = "2026-01-20T20:00:00"
 
 NIGHTS = (
     # 1. The sensor's own answers are wrong while something else excuses the absence of answers.
@@ -440,9 +532,37 @@ NIGHTS = (
     Night("own answers of date", SET_UP, "sensor convention", own=True, meddle=own_as(of_date)),
     Night("own RA in hours", SET_UP, "sensor convention", own=True, meddle=own_as(lambda a, d, r: (a / 15, d, r))),
     Night("own roll to the west", SET_UP, "sensor convention", own=True, meddle=own_as(lambda a, d, r: (a, d, -r))),
+    Night("own answers with aberration taken out", (PASS,), "sensor aberration", own=True,
+          meddle=displaced(MARCH, aberration(1))),
+    Night("own answers with aberration twice", (PASS,), "sensor bias", own=True,
+          meddle=displaced(MARCH, aberration(-1))),
+    Night("own answers with refraction twice at 45 deg, 52 arcsec", (PASS,), "sensor bias", own=True,
+          place={"altitude_deg": 45.0}, meddle=displaced(MARCH, lifted({"altitude_deg": 45.0}, -1))),
+    Night("own answers with refraction taken out at 28 deg, 100 arcsec", (FAIL,), "sensor bias", own=True,
+          place={"altitude_deg": 28.0}, meddle=displaced(MARCH, lifted({"altitude_deg": 28.0}, 1))),
+    Night("own answers precessed the wrong way", (FAIL,), "sensor bias", own=True, meddle=own_as(precessed_back)),
+    Night("own answers a frame late", (PASS, OPEN), "sensor (delay|bias)", own=True, meddle=own_late(1)),
+    Night("own answers ten frames late", (FAIL,), "sensor (delay|bias)", own=True, meddle=own_late(10)),
+    Night("own boresight of the other direction", (FAIL,), "sensor bias", own=True,
+          meddle=own_as(lambda a, d, r: ((a + 180) % 360, -d, r))),
+    Night("own answers as quaternions", (PASS,), "none", own=True, quaternions=True,
+          meddle=quaternions(lambda q: q)),
+    Night("own quaternions with the scalar first", SET_UP, "sensor convention", own=True, quaternions=True,
+          meddle=quaternions(lambda q: (q[3], *q[:3]))),
+    Night("own quaternions the other way", SET_UP, "sensor convention", own=True, quaternions=True,
+          meddle=quaternions(lambda q: (-q[0], -q[1], -q[2], q[3]))),
+    Night("own quaternions 1 deg off in a third", (FAIL,), r"reason:^sensor (availability|false answers)", own=True,
+          quaternions=True, meddle=quaternions(lambda q: q, own_off(lambda one: one.number % 3 == 1, 60))),
     Night("own DE of the other sign", (FAIL,), "sensor bias", own=True, meddle=own_as(lambda a, d, r: (a, -d, r))),
     # 2 and 3. Identifiers and panoramas.
-    Night("an identifier that never answers", (FAIL,), ANY, frames=120, command="python3 {folder}/never.py"),
+    Night("an identifier that never answers", (FAIL,), ANY, frames=120, own=True,
+          command="python3 {folder}/program.py 1 0"),
+    Night("an identifier that answers all", (PASS,), ANY, frames=320, own=True,
+          command="python3 {folder}/program.py 0 0"),
+    Night("an identifier that is silent in bursts", (FAIL,), "reason:^onboard availability", frames=320, own=True,
+          command="python3 {folder}/program.py 0.25 0"),
+    Night("an identifier that is late in bursts", (FAIL,), "reason:^onboard availability", frames=120, own=True,
+          command="python3 {folder}/program.py 0.2 0.4"),
     Night("3 % of the panoramas of another sky", (FAIL,), r"another sky or reason:false answers",
           meddle=shown_from(lambda n: n % 33 == 5, 0)),
     Night("a third of the panoramas of another sky", (FAIL,), r"two pointings or reason:false answers",
@@ -490,6 +610,10 @@ NIGHTS = (
     Night("the sensor's clock is set on by an hour", SET_UP, "sensor time tag",
           meddle=each(lambda one: setattr(one, "time_s", one.time_s + 3600 * (one.time_s > 100)))),
     Night("a restart of 30 s, vouched", SET_UP, "sensor time tag", vouched=True, frames=600, meddle=restarted),
+    Night("the sensor's clock 2 % fast", SET_UP, "sensor clock drift", meddle=fast(0.02)),
+    Night("the sensor's clock 10 % slow, vouched", SET_UP, "sensor clock drift", vouched=True, meddle=fast(-0.1)),
+    Night("time tags in 1/1024 s for half an hour", SET_UP, "sensor clock drift", frames=900, step_s=2.0,
+          meddle=fast(0.024)),
     Night("frames in pairs exchanged", SET_UP, "sensor time tag", meddle=in_pairs),
     Night("a roll that drifts by 0.5 deg", SET_UP, "mount moves", turn_arcsec=lambda s: (0.0, 0.0, 9 * s)),
     Night("x and y exchanged in a tenth of the frames", (FAIL,), "mirrored image",
@@ -505,6 +629,34 @@ NIGHTS = (
     Night("a slip of 100 arcsec", SET_UP, "slip|step", frames=600, turn_arcsec=moved(150, 9999, 100.0, 40.0, 0.0)),
     Night("a swing of 80 arcsec", (OPEN, FAIL), "thermal", frames=900, turn_arcsec=swing(80.0, 150.0)),
     Night("vibration of 60 arcsec", (OPEN, FAIL), "vibration", turn_arcsec=swing(85.0, 1.37), frames=600),
+    # At RA 0 and at the pole.
+    Night("RA 0, own answers, all well", (PASS,), "none", own=True, start=RA_ZERO),
+    Night("RA 0, own answers 100 arcsec off", (FAIL,), "sensor bias", own=True, start=RA_ZERO,
+          meddle=own_off(lambda one: True, 100 / 60)),
+    Night("RA 0, own answers 12 of them 25' off", (FAIL,), OWN_FALSE, own=True, start=RA_ZERO,
+          meddle=own_off(lambda one: one.number % 33 == 5, 25)),
+    Night("RA 0, own RA in hours", SET_UP, "sensor convention", own=True, start=RA_ZERO,
+          meddle=own_as(lambda a, d, r: (a / 15, d, r))),
+    Night("RA 0, azimuth +0.28 deg", SET_UP, "mount", {"azimuth_deg": 40.28}, start=RA_ZERO),
+    Night("RA 0, start 0.9 s late, as without dUT1", (PASS, OPEN), "clock|longitude", start=RA_ZERO, start_off_s=0.9),
+    Night("zenith at 78 N, own answers, all well", (PASS,), "none", own=True, start=WINTER, place=ZENITH),
+    Night("zenith at 78 N, azimuth +0.28 deg", SET_UP, "mount|clock offset|longitude", {"azimuth_deg": 40.28},
+          start=WINTER, place=ZENITH),
+    Night("zenith at 78 N, latitude sign", SET_UP, "latitude sign", {"latitude_deg": -78.0}, start=WINTER,
+          place=ZENITH),
+    Night("DE 89.9, own answers, all well", (PASS,), "none", own=True, start=WINTER, place=POLE),
+    Night("DE 89.9, own answers 12 of them 25' off", (FAIL,), OWN_FALSE, own=True, start=WINTER, place=POLE,
+          meddle=own_off(lambda one: one.number % 33 == 5, -25)),
+    Night("DE 89.9, roll +0.5 deg", SET_UP, "mount|clock offset|longitude", {"roll_deg": 20.5}, start=WINTER,
+          place=POLE),
+    Night("DE 89.9, start 25 s early", (PASS, OPEN), "clock|longitude|mount", start=WINTER, place=POLE, clock="",
+          start_off_s=-25),
+    Night("DE 89.9, own answers ten minutes late", (FAIL,), "sensor (delay|roll|bias)", own=True, start=WINTER,
+          place=POLE, meddle=own_late(10), step_s=60.0, frames=120),
+    Night("DE 89.9, own RA in hours", SET_UP, "sensor convention", own=True, start=WINTER, place=POLE,
+          meddle=own_as(lambda a, d, r: (a / 15, d, r))),
+    Night("DE 89.9, a slip of 100 arcsec", SET_UP, "slip|step", frames=600, start=WINTER, place=POLE,
+          turn_arcsec=moved(150, 9999, 100.0, 40.0, 0.0)),
     # 7. What must have a line.
     Night("a jolt of 300 arcsec for 10 s", SET_UP, "slip|jolt|moved", frames=600,
           turn_arcsec=moved(100, 110, 250.0, 160.0, 0.0)),
@@ -527,11 +679,24 @@ NIGHTS = (
 )  # fmt: skip
 
 V1 = Path(__file__).parents[1] / "protocols" / "panorama-v1.yaml"
-NEVER = """import json, sys
+PROGRAM = """import json, pathlib, sys, time
+told = json.loads(pathlib.Path(__file__).with_name("told.json").read_text())
+share, late_s = float(sys.argv[1]), float(sys.argv[2])
 for line in sys.stdin:
     if "frame_no" in line:
-        print(json.dumps({"frame_no": json.loads(line)["frame_no"], "status": "NO_MATCH"}), flush=True)
+        number = json.loads(line)["frame_no"]
+        silent = number % 40 < share * 40
+        time.sleep(late_s * silent)
+        print(json.dumps({"frame_no": number, **({"status": "NO_MATCH"} if silent else told[str(number)])}), flush=True)
 """
+"""Told what is right; in bursts of a share of 40 panoramas it knows nothing, and says so late."""
+
+
+def with_quaternions(protocol: str) -> str:
+    """A protocol description with places in 1/32 px, whose ATTITUDE has q1 to q4 in place of RA, DE and roll."""
+    numbers = "".join(f"      - {{name: q{k}, type: f64}}\n" for k in (1, 2, 3, 4))
+    protocol = re.sub(r"(?m)^      - \{name: ra, .*\n.*\n      - \{name: roll, .*\n", numbers, protocol)
+    return protocol.replace("    length: 40\n", "    length: 60\n").replace("\nscale: 1 ", "\nscale: 1/32 ")
 
 
 def clean(number: int) -> Night:
@@ -543,7 +708,7 @@ def clean(number: int) -> Night:
     noise_px = float(rng.choice([0.05, 0.1, 0.3]))
     return Night(
         f"clean {number}", (PASS, OPEN), "none", frames=frames, step_s=step_s, start=start, own=number % 3 == 0,
-        noise_px=noise_px, altitude_deg=altitude_deg,
+        noise_px=noise_px, place={"altitude_deg": altitude_deg},
     )  # fmt: skip
 
 
@@ -567,9 +732,15 @@ def judged(night: Night, seed: int, folder: Path) -> dict[str, object]:
     frames = exposures(night, rng)
     if night.meddle is not None:
         frames = night.meddle(frames, rng) or frames
+    if night.command:
+        names = ("ra_deg", "de_deg", "roll_deg")
+        told = {one.number: dict(zip(names, one.own_deg or (), strict=False)) for one in frames}
+        (folder / "told.json").write_text(json.dumps(told))
+        frames = [replace(one, own_deg=None) for one in frames]
     (folder / "night.bin").write_bytes(encoded(frames))
-    (folder / "never.py").write_text(NEVER)
+    (folder / "program.py").write_text(PROGRAM)
     (folder / "alone.yaml").write_text(re.sub(r"(?m)^  PANORAMA:\n(    .*\n)+", "", V1.read_text()))
+    (folder / "quaternion.yaml").write_text(with_quaternions(V1.read_text()))
     (folder / "station.yaml").write_text(station_text(night).replace("{folder}", str(folder)))
     start = (Time(night.start, scale="utc") + TimeDelta(night.start_off_s, format="sec")).isot + "Z"
     clock = ("--clock-error", night.clock) if night.clock else ()
