@@ -374,7 +374,7 @@ class Run:
 
     def _wait(self, act: Wait) -> _Ticks:
         condition = Condition(act.until, items_of(self.bench.protocol))
-        polled_s = -_POLL_S
+        polled_s, came = -_POLL_S, "it was so already"
         while differs := condition.what_differs(self._values()):
             if act.poll and self._passed_s() - polled_s >= _POLL_S:
                 polled_s = self._passed_s()
@@ -385,11 +385,12 @@ class Run:
                 if self.seen.link == "no port":
                     return Done(StepOutcome.NOT_DONE, f"the port is gone; {differs}")
                 return Done(StepOutcome.FAIL, f"after {act.at_most_s:g} s {differs}")
+            came = "it came"
             yield
         took_s = self._took_s(act.until)
         if act.measure:
             self._measured[act.measure].append(took_s)
-        seen = f"{act.measure} {took_s:.3f} s" if act.measure else f"it came {took_s:.3f} s after {self._after}"
+        seen = f"{act.measure} {took_s:.3f} s" if act.measure else f"{came} {took_s:.3f} s after {self._after}"
         return Done(StepOutcome.PASS, seen)
 
     def _request(self, command: str) -> bytes:

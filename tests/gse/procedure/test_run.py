@@ -326,11 +326,13 @@ def test_an_outcome_says_what_happened(run, steps, outcome, seen):
 
 
 def test_the_frames_before_a_start_are_no_link_after_it(run):
-    ran = run("  - wait: {until: {link: streaming}}\n  - power: on\n  - wait: {until: {link: streaming}}\n")
+    waits = "  - wait: {until: {link: streaming}}\n"
+    ran = run(f"{waits}  - power: on\n{waits}  - wait: {{for: 4s}}\n{waits}")
     assert set(ran.outcomes().values()) == {"PASS"}
     assert ran.steps["1"]["seen"].endswith(" s after the step began")
     seen = re.fullmatch(r"it came ([0-9.]+) s after power on", ran.steps["3"]["seen"])
     assert float(seen[1]) > 1  # it boots for 2 s, of which `power` waits for one
+    assert ran.steps["5"]["seen"].startswith("it was so already ")
 
 
 def test_a_sensor_without_power_does_not_answer(run):
