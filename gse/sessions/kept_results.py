@@ -243,6 +243,7 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
             context.items, context.parameters, context.item_summaries, context.item_stride, _rows(items, ITEM)
         )
         session.sensor_attitudes = AttitudeTable.from_rows(_rows(answers, OWN_ANSWER))
+    pa.default_memory_pool().release_unused()  # 50 MiB of unpacked columns of 8 h
     return session
 
 
