@@ -45,6 +45,7 @@ from gse.config.station import Station
 from gse.errors import TruthError, UsageError
 from gse.external.identifier import ExternalCounts
 from gse.process.installation import own_cache_folder
+from gse.process.release_memory import give_back
 from gse.recording.session_format import read_attachments
 from gse.report.frames_table import frames_parts, frames_schema
 from gse.report.parquet import ROWS_AT_ONCE, ParquetColumns, read_parquet, write_parquet
@@ -62,6 +63,7 @@ from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 from gse.station.star_names import STAR_NAME, StarNames
 from gse.truth import Alignment, EarthOrientation
+from gse.values.matrices import solve
 from gse.values.power import PowerReading
 from gse.values.shown import Shown
 from gse.verdict.assessment import Assessment, judge
@@ -243,7 +245,9 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
             context.items, context.parameters, context.item_summaries, context.item_stride, _rows(items, ITEM)
         )
         session.sensor_attitudes = AttitudeTable.from_rows(_rows(answers, OWN_ANSWER))
-    pa.default_memory_pool().release_unused()  # 50 MiB of unpacked columns of 8 h
+    if len(session.frames) > MOST_IN_MEMORY:
+        solve(np.eye(2), np.ones(2))  # loads the compiler, as judging would, whose pages then go back with the rest
+        give_back()
     return session
 
 
