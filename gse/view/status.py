@@ -71,9 +71,9 @@ class Announcer:
     def conclude(self) -> None:
         """Print the number of further events of each kind."""
         excluded = _ROUTINE | _EACH_TIME
-        more = [f"{kind} {count - 1} x" for kind, count in self._seen.items() if count > 1 and kind not in excluded]
+        more = [f"{kind} {count - 1}" for kind, count in self._seen.items() if count > 1 and kind not in excluded]
         if more:
-            self._say(f"repeated events: {', '.join(more)}")
+            self._say(f"events that came again, not shown: {', '.join(more)}")
 
 
 _LINK_STYLES = {"streaming": "green", "silent": "bold red", "no port": "bold red", "closed": "dim"}

@@ -184,7 +184,7 @@ def test_a_program_that_is_given_up_is_told_once(folder, gse):
     ends = program(folder, "import sys\nsys.exit('no licence for this host')\n", head="", name="ends")
     done = gse("run", "--port", "sim://?frames=110", "--identifier", f"command:{ends}", "--out", folder / "given-up")
     assert done.err.count("IDENTIFIER_GIVEN_UP: no answer from frame 100 on: it failed too often in a row") == 1
-    assert "repeated events: IDENTIFIER_FAULT 99 x\n" in done.err
+    assert "events that came again, not shown: IDENTIFIER_FAULT 99\n" in done.err
     (session,) = (folder / "given-up").iterdir()
     assert "gse session export" in gse("why", session).out
     exported = gse("session", "export", session, "--format", "stderr")

@@ -144,8 +144,8 @@ def test_a_clock_of_unknown_error_is_the_cause_where_nothing_gross_is_and_its_re
     ("outcome", "verdict", "step"),
     [
         ("INCONCLUSIVE", "INCONCLUSIVE", CLOCK_REMEDY),
-        ("FAIL", "FAIL", "mend what the step says"),
-        ("not done", "INCONCLUSIVE", "mend what the step says"),
+        ("FAIL", "FAIL", "see to what the step says"),
+        ("not done", "INCONCLUSIVE", "see to what the step says"),
     ],
 )
 def test_the_clock_is_the_first_step_of_a_procedure_that_it_alone_left_open(cloudy, outcome, verdict, step) -> None:
