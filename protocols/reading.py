@@ -25,7 +25,7 @@ from protocols.description import (
     TimeDescription,
 )
 from protocols.errors import DescriptionError
-from protocols.yaml_text import load_document
+from protocols.yaml_text import load_document, yaml_problem
 
 MAX_TEXT = 100_000
 """Characters of a description: the built-in ones have some 4000."""
@@ -92,9 +92,7 @@ def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Descript
     try:
         root, document = load_document(text)
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" at line {mark.line + 1}" if mark else ""
-        raise source.error(f"no YAML{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}") from error
+        raise source.error(yaml_problem(error, "not YAML")) from error
     if not isinstance(document, dict) or root is None:
         raise source.error(f"expected a mapping with the keys {', '.join(Description.model_fields)}")
     source = DescriptionSource(source_name, root)

@@ -76,3 +76,15 @@ def load_document(text: str, *, base_60: bool = False) -> tuple[yaml.Node | None
         raise yaml.MarkedYAMLError(problem=problem) from error
     finally:
         loader.dispose()
+
+
+def yaml_problem(error: yaml.YAMLError, source: str) -> str:
+    """Why the text of ``source`` is no YAML, with the line, in words for who wrote it."""
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None) or str(error).splitlines()[0]
+    if "\\t" in problem:
+        problem += "; indent with blanks, not with tabs"
+    elif "<stream end>" in problem or "end of stream" in problem:
+        problem = "the text ends in the middle of something: is it cut off, is a bracket or a quote not closed?"
+    elif problem.startswith("expected <block end>"):
+        problem = "this does not belong here: is it indented as its neighbours, is a quote above it not closed?"
+    return f"{source}, line {mark.line + 1}: {problem}" if mark else f"{source}: {problem}"

@@ -36,7 +36,7 @@ from gse.values.mount import InertialDirection, InertialUncertainty, Mount, Moun
 from gse.values.screen import Screen, ScreenToSensor, ScreenUncertainty
 from gse.values.site import Site, SiteUncertainty
 from protocols.description import TimeDescription
-from protocols.yaml_text import load_document
+from protocols.yaml_text import load_document, yaml_problem
 
 # The ``test:`` block of a station file: what a report states beside its figures.
 #
@@ -511,13 +511,7 @@ def _parse(text: str, source: str, *, recorded: bool = False) -> Station:
     try:
         node, document = load_document(text, base_60=recorded)
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or "not YAML"
-        problem += "; indent with blanks, not with tabs" if "\\t" in problem else ""
-        if problem.startswith(("expected <block end>", "found unexpected end")):
-            problem = "this does not belong here: is it indented as its neighbours, is a quote above it not closed?"
-        raise ConfigError(f"{source}{line}: {problem}") from error
+        raise ConfigError(yaml_problem(error, source)) from error
     if not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(_SOURCE_KEYS)}")
     if not recorded:

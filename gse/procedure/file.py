@@ -29,7 +29,7 @@ from gse.values.limits import Limits
 from gse.values.text import count_text
 from protocols import NO_ANSWER, Condition, EncodeError, Item, Protocol
 from protocols.items import Wanted, unknown_name
-from protocols.yaml_text import load_document
+from protocols.yaml_text import load_document, yaml_problem
 
 MOST_RUNS = 900
 """Most steps of a run, each round of a repeat counted: a session keeps 1,000 events of a kind."""
@@ -532,9 +532,7 @@ def parse_procedure(text: str, source: str = "procedure", *, folder: Path = Path
     try:
         node, document = load_document(text)
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise ConfigError(f"{source}{place}: {getattr(error, 'problem', None) or 'not YAML'}") from error
+        raise ConfigError(yaml_problem(error, source)) from error
     keys = ("version", "name", "station", "steps", "cleanup")
     if node is None or not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(keys)}")

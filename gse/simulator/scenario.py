@@ -14,7 +14,7 @@ from gse.config.station import BUILT_IN_TEXT, Station
 from gse.errors import ConfigError, UsageError
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.shown import Shown
-from protocols.yaml_text import load_document
+from protocols.yaml_text import load_document, yaml_problem
 
 MAX_FILE_BYTES = 100_000
 """A scenario is a page of text."""
@@ -369,8 +369,8 @@ def parse_scenario(text: str, source: str) -> Scenario:
     """The scenario of a YAML text; ConfigError names source, key and reason."""
     try:
         document = load_document(text)[1]
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{source}: not YAML: {str(error).splitlines()[0]}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(yaml_problem(error, source)) from error
     if not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(Scenario.model_fields)}")
     try:

@@ -9,6 +9,10 @@ from hypothesis import strategies as st
 
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
 from gse.errors import ConfigError
+from gse.procedure.file import parse_procedure
+from gse.simulator.scenario import parse_scenario
+from protocols.errors import DescriptionError
+from protocols.protocol import parse_protocol
 
 SMALLEST = """\
 version: 1
@@ -168,13 +172,29 @@ def test_an_angle_that_could_mean_two_things_is_refused_with_what_to_write(key: 
         ("rows: 1024", "rows: 1024\n  mirrored: maybe", "expected true or false$"),
         ("port:", "limits: {d_de_arcsec: -60}\nport:", "expected more than 0$"),
         ("url: sim://", "baudrate: 12345678", "expected at most 8,000,000$"),
-        ("name: LAPAN-like", 'name: "LAPAN-like', "is a quote above it not closed"),
+        ("name: LAPAN-like", 'name: "LAPAN-like', "is a bracket or a quote not closed"),
+        ("rows: 1024", "\trows: 1024", "line 5: .*indent with blanks, not with tabs"),
     ],
 )
 def test_a_value_that_cannot_be_is_answered_with_what_can(key: str, text: str, advice: str) -> None:
     assert key in BUILT_IN_TEXT
     with pytest.raises(ConfigError, match=advice):
         parse_station(BUILT_IN_TEXT.replace(key, text))
+
+
+@pytest.mark.parametrize("text", ["version: 1\nsensor: {name: x, rows: 10", 'version: 1\nsensor: {name: "x', "text: ["])
+@pytest.mark.parametrize(
+    ("read", "error"),
+    [
+        (parse_station, ConfigError),
+        (parse_scenario, ConfigError),
+        (parse_procedure, ConfigError),
+        (parse_protocol, DescriptionError),
+    ],
+)
+def test_a_file_that_was_cut_off_is_called_so_with_its_last_line(read, error: type[Exception], text: str) -> None:
+    with pytest.raises(error, match=rf"line {text.count(chr(10)) + 1}: the text ends in the middle of something"):
+        read(text, "cut.yaml")
 
 
 def test_a_section_written_as_a_value_is_answered_with_its_keys() -> None:

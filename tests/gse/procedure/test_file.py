@@ -176,7 +176,7 @@ def test_times_have_units(text, seconds):
             "  - power: on\ncleanup:\n  - tell: x\n",
             "line 6, column 11: unknown key tell; known here: power, send",
         ),
-        ("  - power: [on\n", "line 5, column 1: expected ',' or ']'"),
+        ("  - power: [on\n", "line 5: the text ends in the middle of something"),
         ("  power: on\n", "expected a list of steps, each with a dash"),
         ("  - *x\n", "aliases (*name) are not allowed here"),
     ],
