@@ -26,8 +26,16 @@ from scipy.stats import foldnorm
 from gse.statistics.availability import available_share
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.decision import Outcome as Word
-from gse.statistics.decision import Share, exceeds, further_share, keeps, share_outcome, share_times
-from gse.statistics.sampling import error_bounds
+from gse.statistics.decision import (
+    Share,
+    exceeds,
+    further_share,
+    keeps,
+    lengths_to_pass,
+    share_outcome,
+    share_times,
+)
+from gse.statistics.sampling import MIN_FRAMES, error_bounds
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Decision
 from gse.verdict.planning import Expected, accuracy_frames, simulated_errors
@@ -161,7 +169,15 @@ def _session(one: NDArray[Any], bias: float, true: tuple[float, float]) -> tuple
     )
 
 
-LONGER = [(600, 60.0, 0.5), (3600, 60.0, 0.5), (3600, 300.0, 0.5), (21_600, 300.0, 0.5), (600, 10.0, 0.7)]
+LONGER = [
+    (600, 60.0, 0.5),
+    (3600, 60.0, 0.5),
+    (3600, 300.0, 0.5),
+    (21_600, 300.0, 0.5),
+    (600, 10.0, 0.7),
+    (600, 60.0, 0.8),
+    (3600, 30.0, 0.8),
+]
 """Frames, correlation time, and the share of its limit that a sensor takes."""
 LONGEST = 20
 
@@ -170,12 +186,13 @@ def longer(task: tuple[tuple[int, float, float], int]) -> tuple[float, ...]:
     """What becomes of sessions that go on, in shares.
 
     Those that pass; of these, twice as long, those that still do; of two halves that both pass, wholes that do; of the
-    undecided ones those to whom at most LONGEST lengths are told, and of these what is decided after them.
+    undecided ones those to whom at most LONGEST lengths are told, and of these what is decided after them; of all those
+    to whom another session of at most LONGEST lengths is planned, those that pass in it.
     """
     (n, time, share), sessions = task
-    kept, whole, told, decided, passed = [], [], [], [], 0
+    kept, whole, told, decided, planned, passed = [], [], [], [], [], 0
     limits = [figure / share for figure in truth(Cell(n, time), 0.0)]
-    generator = np.random.default_rng(4)
+    generator, of_plan = np.random.default_rng(4), np.random.default_rng(5)
     for _ in range(sessions):
         one = errors(Cell(LONGEST * n, time), generator, 1)[0]
         first, second, both = (_judged(part, limits) for part in (one[:n], one[n : 2 * n], one[: 2 * n]))
@@ -186,23 +203,27 @@ def longer(task: tuple[tuple[int, float, float], int]) -> tuple[float, ...]:
             told.append(first[1] < LONGEST)
             if told[-1]:
                 decided.append(_judged(one[: math.ceil(n * first[1])], limits)[0] != "")
-    means = (float(np.mean(some)) if some else math.nan for some in (kept, whole, told, decided))
+        if first[2] < LONGEST:
+            another = errors(Cell(max(math.ceil(n * first[2]), MIN_FRAMES), time), of_plan, 1)[0]
+            planned.append(_judged(another, limits)[0] == "PASS")
+    means = (float(np.mean(some)) if some else math.nan for some in (kept, whole, told, decided, planned))
     return (passed / sessions, *means)
 
 
-def _judged(one: NDArray[np.float64], limits: list[float]) -> tuple[str, float]:
-    """PASS, FAIL or nothing, and the length after which both rows are decided."""
+def _judged(one: NDArray[np.float64], limits: list[float]) -> tuple[str, float, float]:
+    """PASS, FAIL or nothing, the length after which both rows are decided, and that of another session for a PASS."""
     bounds, absolute = error_bounds(one), np.abs(one)
     rows = zip(
         (float(absolute.mean()), float(np.percentile(absolute, 95))), (bounds.mean_abs, bounds.p95_abs), strict=True
     )
-    further, words = 0.0, []
+    further, another, words = 0.0, 0.0, []
     for (value, part), limit in zip(rows, limits, strict=True):
         sampling = part.upper - value if value <= limit else value - part.lower
         further = max(further, further_share(limit - value, sampling, 0.0, bounds.n_eff))
+        another = max(another, lengths_to_pass(limit - value, sampling, 0.0, bounds.n_eff))
         words.append("PASS" if keeps(value, part.upper, limit) else "FAIL" if exceeds(value, part.lower, limit) else "")
     word = "FAIL" if "FAIL" in words else "PASS" if set(words) == {"PASS"} else ""
-    return word, 1 + further
+    return word, 1 + further, another
 
 
 SHARES = [(n, length) for length in (1, 10, 30, 100) for n in (600, 3600, 21_600)]
@@ -300,9 +321,10 @@ def main() -> None:
         for of_cell in pool.map(measure, chosen):
             print("\n".join(map(row, of_cell)), flush=True)
         print(
-            "\n| frames | tau s | of the limit | PASS | PASS twice as long | PASS of two PASS | told | then decided |"
+            "\n| frames | tau s | of the limit | PASS | PASS twice as long | PASS of two PASS | told | then decided"
+            " | PASS as planned |"
         )
-        print("|---" * 8 + "|")
+        print("|---" * 9 + "|")
         going_on = [(one, min(given.sessions, 400)) for one in LONGER]
         for ((n, time, share), _), became in zip(going_on, pool.map(longer, going_on), strict=True):
             print(
