@@ -21,7 +21,7 @@ from pathlib import Path
 import pyarrow as pa
 from distributed import Client
 
-from drivers.mock.urls import sim_url
+from drivers.mock_ports import sim_url
 from gse.campaign.cluster import cluster
 from gse.campaign.dataset import INDEX, SESSIONS, Committed, DataSet, parquet_of
 from gse.campaign.document import campaign_document

@@ -22,8 +22,8 @@ from pathlib import Path
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
-from drivers.mock.urls import replay_url
-from drivers.session_file.compaction import compact
+from drivers.mock_ports import replay_url
+from drivers.session_file.closed_file import compact
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, Damage, RecordedMessage
 from drivers.session_file.verification import verify

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from drivers.mock.urls import sim_url
+from drivers.mock_ports import sim_url
 from gse.config.choice import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.imaging.camera_fit import calibrate

@@ -43,9 +43,8 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
 
     from drivers.errors import CaptureError, DriverError
     from drivers.outside_text import is_plain
-    from drivers.session_file.file_window import BlockWindow
     from drivers.session_file.reader import read_capture
-    from drivers.session_file.record_scanner import MAGIC, RecordScanner
+    from drivers.session_file.record_scanner import MAGIC, BlockWindow, RecordScanner
     from drivers.session_file.records import CLOCK, EVENTS, RX, TX, Damage, Record, RecordedMessage
     from drivers.session_file.writer import CaptureWriter
     from protocols import Protocol

@@ -29,7 +29,7 @@ from faults import RECORD
 
 from drivers.chunk import Chunk
 from drivers.link import SerialLink
-from drivers.mock.urls import replay_url
+from drivers.mock_ports import replay_url
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, RecordedMessage
 from drivers.session_file.verification import verify

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from drivers.chunk import Chunk
-from drivers.mock.playback import session_items
+from drivers.playback import session_items
 from protocols import Frame, FrameDecoder, load_protocol
 
 REPLAY_FRAMES = 20_000

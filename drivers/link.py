@@ -2,7 +2,7 @@
 
 Here, and only here, received bytes meet the host clock. A separate thread reads a live port and passes every chunk to
 the recorder first; when the port disappears, the thread waits for it until the session ends. Ports with recorded time
-(drivers/mock/timestamped_port.py) are read synchronously and supply the time stamps.
+(drivers/mock_ports.py) are read synchronously and supply the time stamps.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ import serial
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import now
 from drivers.errors import PortError
-from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
+from drivers.mock_ports import Item, TimestampedPort, TimestampedSerial
 from drivers.ports import (
     PLAIN_LINE,
     READ_TIMEOUT_S,

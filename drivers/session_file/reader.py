@@ -14,8 +14,7 @@ from itertools import chain
 from pathlib import Path
 
 from drivers.errors import CaptureError
-from drivers.session_file.file_window import FileWindow
-from drivers.session_file.record_scanner import RecordScanner
+from drivers.session_file.record_scanner import FileWindow, RecordScanner
 from drivers.session_file.records import CONTINUED, CONTINUES, Damage, Record, RecordedMessage
 
 MOST_ATTACHMENTS = 1000

@@ -5,9 +5,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drivers.session_file.file_window import FileWindow
 from drivers.session_file.reader import MAX_DAMAGES_KEPT, MOST_ATTACHMENTS, SegmentChain, session_file
-from drivers.session_file.record_scanner import RecordScanner
+from drivers.session_file.record_scanner import FileWindow, RecordScanner
 from drivers.session_file.records import CONTINUED, RX, TX, Attachment, Damage, RecordedMessage
 
 _BLOCK_BYTES = 1 << 20

@@ -19,7 +19,7 @@ from mcap.writer import IndexType, Writer
 
 from drivers.errors import CaptureError
 from drivers.host_files import CREATE, read_at
-from drivers.session_file.file_window import FileWindow
+from drivers.session_file.record_scanner import FileWindow
 from drivers.session_file.records import (
     CONTINUED,
     CONTINUES,

@@ -1,7 +1,7 @@
 """The port replay://PATH: a recorded session instead of a sensor.
 
 Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``from`` and ``to`` (RFC 3339 UTC), ``loop``
-(passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture), and those of drivers/faults/options.py:
+(passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture), and those of drivers/faults.py:
 ``faults``, ``seed``, ``frame_start``, ``ack_start``.
 """
 
@@ -11,12 +11,10 @@ from pathlib import Path
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.errors import CaptureError, UrlError
-from drivers.faults.injection import inject
-from drivers.faults.options import OPTIONS as FAULT_OPTIONS
-from drivers.faults.options import parse_faults
-from drivers.mock.playback import cut, is_session, raw_items, session_items, utc_option
-from drivers.mock.timestamped_port import Item, TimestampedSerial
-from drivers.mock.urls import MockUrl, parse_mock_url
+from drivers.faults import OPTIONS as FAULT_OPTIONS
+from drivers.faults import inject, parse_faults
+from drivers.mock_ports import Item, MockUrl, TimestampedSerial, parse_mock_url
+from drivers.playback import cut, is_session, raw_items, session_items, utc_option
 
 OPTIONS = ("speed", "from", "to", "loop", "cut", "start_utc", *FAULT_OPTIONS)
 

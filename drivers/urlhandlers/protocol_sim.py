@@ -2,7 +2,7 @@
 
 The simulation itself needs catalogue and camera, which the drivers do not know. The owner of both registers a factory
 here, once, at start-up; the options of the URL go to it as they are, but those that are the port's own: ``speed``,
-``cut``, ``faults``, ``frame_start``, ``ack_start`` (drivers/faults/options.py). ``seed`` serves both. A fault ``reset``
+``cut``, ``faults``, ``frame_start``, ``ack_start`` (drivers/faults.py). ``seed`` serves both. A fault ``reset``
 is the sensor's own affair and goes to it as ``reset_s``: what it sees after its restart is the sky of then.
 """
 
@@ -11,11 +11,9 @@ from typing import Protocol
 
 from drivers.chunk import NS_PER_S, Chunk
 from drivers.errors import PortError
-from drivers.faults.injection import inject
-from drivers.faults.options import parse_faults
-from drivers.mock.playback import cut
-from drivers.mock.timestamped_port import Item, TimestampedSerial
-from drivers.mock.urls import parse_mock_url
+from drivers.faults import inject, parse_faults
+from drivers.mock_ports import Item, TimestampedSerial, parse_mock_url
+from drivers.playback import cut
 
 OWN_OPTIONS = ("speed", "cut", "faults", "frame_start", "ack_start")
 

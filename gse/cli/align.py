@@ -70,7 +70,7 @@ def command(
     gamma and latency, each with its uncertainty; --write states them. The camera of the sensor is taken as it is
     stated. FILE is a session of 'gse run --scene screen-fit'.
     """
-    from drivers.mock.playback import is_session
+    from drivers.playback import is_session
     from gse.cli.progress import replay_with_progress
     from gse.diagnosis.gross_causes import gross_finding
     from gse.sessions.panoramas import open_recording

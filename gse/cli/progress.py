@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.console import Console
 
-from drivers.mock.playback import is_session
+from drivers.playback import is_session
 from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
 from gse.cli.options import say

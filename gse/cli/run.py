@@ -16,7 +16,7 @@ import click
 from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.host_files import APPEND, READ
-from drivers.mock.urls import parse_mock_url, sim_url
+from drivers.mock_ports import parse_mock_url, sim_url
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import EVENTS, RecordedMessage
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected

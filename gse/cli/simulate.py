@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from drivers.mock.urls import sim_url
+from drivers.mock_ports import sim_url
 from gse.cli import EXIT_DATA_LOST, folded
 from gse.cli.options import out_option, station_option
 from gse.config.choice import station_of
@@ -57,7 +57,7 @@ def command(
     The session is written to a new folder in --out, or to --file; its path is printed on stdout. It contains the
     station file of the scenario. Replay it with gse replay.
     """
-    from drivers.faults.options import parse_faults
+    from drivers.faults import parse_faults
     from gse.sessions.asking import asking_of
     from gse.sessions.live import new_session_folder
     from gse.simulator.device import scenario_of

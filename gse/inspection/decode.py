@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import CaptureError
-from drivers.mock.playback import is_session, refuse_dump
+from drivers.playback import is_session, refuse_dump
 from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage
 from gse.errors import UsageError

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import CaptureError
-from drivers.mock.playback import is_session
+from drivers.playback import is_session
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, RecordedMessage
 from protocols import built_in_names, load_protocol

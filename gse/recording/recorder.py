@@ -17,8 +17,7 @@ from pathlib import Path
 
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError
-from drivers.session_file.compaction import compact
-from drivers.session_file.read_back import read_back
+from drivers.session_file.closed_file import compact, read_back
 from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX, TX, Attachment, MessageWriter, RecordedMessage
 from drivers.session_file.writer import CaptureWriter, WrittenBytes

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import CaptureError
-from drivers.session_file.compaction import write_compact
+from drivers.session_file.closed_file import write_compact
 from drivers.session_file.reader import Capture, read_capture, session_file
 from drivers.session_file.records import EVENTS, RX, Attachment, Damage, Record, RecordedMessage
 from drivers.session_file.verification import FileCheck, SessionCheck, verify

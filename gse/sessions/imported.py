@@ -21,7 +21,7 @@ import numpy as np
 from drivers.chunk import Chunk
 from drivers.errors import CaptureError
 from drivers.host_files import a_file_or_a_shells_pipe
-from drivers.mock.playback import is_session, raw_items
+from drivers.playback import is_session, raw_items
 from gse.config.station import Station
 from gse.errors import TableError, UsageError
 from gse.recording.recorder import Recorder

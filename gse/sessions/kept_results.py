@@ -36,7 +36,7 @@ from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from drivers.mock.playback import is_session
+from drivers.playback import is_session
 from drivers.session_file.reader import segment_files, session_file
 from gse.catalog.readers import GAIA
 from gse.catalog.stars import Designation, ListedStars

@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.chunk import Chunk
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
-from drivers.mock.playback import is_session
+from drivers.playback import is_session
 from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Station, parse_recorded, parse_station
 from gse.errors import UsageError

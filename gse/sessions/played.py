@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.clock import read_clock
-from drivers.faults.injection import inject
-from drivers.faults.options import parse_faults
-from drivers.mock.playback import is_session, session_items
-from drivers.mock.timestamped_port import Item
+from drivers.faults import inject, parse_faults
+from drivers.mock_ports import Item
+from drivers.playback import is_session, session_items
 from gse.config.station import Port
 from gse.errors import UsageError
 from gse.recording.session_format import read_attachments

@@ -11,8 +11,8 @@ from pathlib import Path
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
-from drivers.mock.playback import is_session
-from drivers.mock.urls import replay_url
+from drivers.mock_ports import replay_url
+from drivers.playback import is_session
 from gse.catalog.readers import GAIA
 from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_recorded

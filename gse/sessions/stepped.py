@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import yaml
 
-from drivers.mock.urls import parse_mock_url
+from drivers.mock_ports import parse_mock_url
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.choice import station_of, with_values
 from gse.config.station import Station

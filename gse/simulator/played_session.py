@@ -14,7 +14,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator
 
 from drivers.chunk import Chunk
-from drivers.mock.timestamped_port import Item
+from drivers.mock_ports import Item
 from drivers.uart import BITS_PER_BYTE
 from gse.simulator.emulator import Endpoint
 from gse.values.instant import NS_PER_S

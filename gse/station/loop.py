@@ -59,7 +59,7 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from drivers.link import ITEMS_AT_ONCE, SerialLink
 from drivers.link_state import LinkMonitor
-from drivers.mock.playback import cut
+from drivers.playback import cut
 from drivers.ports import has_baud_rate
 from gse.errors import TruthError
 from gse.external.answers import Failure, FailureKind

@@ -13,7 +13,7 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import read_clock
 from drivers.errors import PortError
 from drivers.link import SerialLink
-from drivers.mock.playback import session_items
+from drivers.playback import session_items
 from drivers.second_port import passing_bound_s
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError

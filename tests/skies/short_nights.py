@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from drivers.mock.urls import sim_url
+from drivers.mock_ports import sim_url
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError
 from gse.simulator.recording import record_simulation

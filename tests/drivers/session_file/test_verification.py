@@ -6,7 +6,7 @@ import pytest
 
 from drivers.chunk import Chunk
 from drivers.errors import CaptureError
-from drivers.session_file.compaction import compact
+from drivers.session_file.closed_file import compact
 from drivers.session_file.records import RX
 from drivers.session_file.verification import verify
 from drivers.session_file.writer import CaptureWriter

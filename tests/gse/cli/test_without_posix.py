@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.mock.urls import parse_mock_url, replay_url
+from drivers.mock_ports import parse_mock_url, replay_url
 from gse.config.station import BUILT_IN_TEXT
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -12,7 +12,7 @@ from devices.patience import PATIENCE_S
 from drivers.chunk import Chunk
 from drivers.clock import read_clock
 from drivers.link import SerialLink
-from drivers.mock.playback import session_items
+from drivers.playback import session_items
 from gse.cli.emulate import command
 from gse.errors import UsageError
 from gse.sessions.played import PlayedSession, played_session

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import CaptureError
-from drivers.mock.playback import raw_items, refuse_dump
+from drivers.playback import raw_items, refuse_dump
 
 RAW = random.Random(1).randbytes(4000)
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError, PortError
 from drivers.link import SerialLink
-from drivers.mock.timestamped_port import Pace
-from drivers.mock.urls import parse_mock_url, replay_url
+from drivers.mock_ports import Pace, parse_mock_url, replay_url
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import TX, RecordedMessage
 from drivers.session_file.writer import CaptureWriter

@@ -12,9 +12,9 @@ import pytest
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import UrlError
-from drivers.faults.options import KINDS
+from drivers.faults import KINDS
 from drivers.link import SerialLink
-from drivers.mock.urls import replay_url, sim_url
+from drivers.mock_ports import replay_url, sim_url
 from drivers.session_file.writer import CaptureWriter
 from drivers.uart import received_at
 from drivers.urlhandlers.protocol_sim import register

@@ -9,14 +9,14 @@ import pytest
 from devices.terminal import Terminal
 
 from drivers.chunk import Chunk
-from drivers.commands import ANSWER_S, receive_until, send_command
 from drivers.errors import CommandError
 from drivers.link import SerialLink
-from drivers.mock.timestamped_port import Item
+from drivers.mock_ports import Item
 from drivers.session_file.reader import messages
 from drivers.session_file.records import TX
 from drivers.session_file.writer import CaptureWriter
 from drivers.urlhandlers.protocol_sim import register
+from gse.sessions.commanding import ANSWER_S, receive_until, send_command
 
 
 class Listener:

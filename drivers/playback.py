@@ -8,10 +8,9 @@ from pathlib import Path
 
 from drivers.chunk import NS_PER_S, Chunk, LinkEvent, LinkKind
 from drivers.errors import CaptureError, UrlError
-from drivers.mock.timestamped_port import Item
-from drivers.session_file.file_window import refuse_special
+from drivers.mock_ports import Item
 from drivers.session_file.reader import Capture, read_capture
-from drivers.session_file.record_scanner import MAGIC
+from drivers.session_file.record_scanner import MAGIC, refuse_special
 from drivers.session_file.records import EVENTS, RX, TX, Damage, RecordedMessage
 
 RAW_CHUNK_BYTES = 4096
