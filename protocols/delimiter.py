@@ -8,7 +8,7 @@ A frame here is [header payload checksum].
 
 KISS is SLIP whose first byte, a command, is one of the header's.
 
-One more such framing is an entry of DELIMITERS with its two functions; ``protocols/delimited.py`` finds its frames.
+One more such framing is an entry of DELIMITERS with its two functions; ``protocols/framing.py`` finds its frames.
 Where the end is sent twice, ``packed`` writes it twice: the second one stands before the next frame, as HDLC's does.
 """
 
