@@ -31,8 +31,7 @@ from gse.evaluation.frames import Conditions, Optics, SimulatedFrame
 from gse.identifier.hypotheses import _attempt_with, axis, pair_rotation, stars_near
 from gse.identifier.robust import KnownSensor, _field
 from gse.identifier.robust_tables import SkyTables, sky_tables
-from gse.identifier.tangent_plane import Attempt, Noise, Objects, objects_of, place
-from gse.identifier.verify import grow
+from gse.identifier.verify import Attempt, Noise, Objects, grow, objects_of, place
 from gse.process.jit import compiled
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_RAD

@@ -67,8 +67,7 @@ ROOMS = {
     "imaging": Room(("gse/imaging/*.py",), ("tests/gse/imaging",)),
     "identifier": Room(
         (
-            "gse/identifier/acceptance.py",
-            "gse/identifier/input_checks.py",
+            "gse/identifier/checks.py",
             "gse/identifier/evidence.py:CHANCE_OF_EVIDENCE",
             "gse/identifier/evidence.py:LOG_ACCEPTED",
             "gse/identifier/evidence.py:LOG_UNAMBIGUOUS",

@@ -33,7 +33,7 @@ from gse.external.identifier import ExternalIdentifier, evaluated, in_time
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
-from gse.identifier.pivot_search import PIVOT_MEMBERS
+from gse.identifier.pivot import PIVOT_MEMBERS
 from gse.values.attitude import solve_attitude
 from gse.values.constants import ARCSEC_RAD
 from gse.values.limits import Limits

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.tangent_plane import Attempt, Noise, Objects, with_noise
-from gse.identifier.verify import grow, squared_residuals
+from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals, with_noise
 from gse.process.jit import compiled_part
 
 CHANCE_OF_EVIDENCE = 0.05

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gse.identifier.acceptance import wahba_residual_rad
+from gse.identifier.checks import wahba_residual_rad
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan

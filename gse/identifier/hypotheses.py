@@ -9,8 +9,18 @@ from numpy.typing import NDArray
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables, near_bit
 from gse.identifier.search_plan import SearchPass, search_pass
-from gse.identifier.tangent_plane import Attempt, Noise, Objects, attempt_at, noise_of, objects_of, with_noise
-from gse.identifier.verify import fit, named, squared_residuals
+from gse.identifier.verify import (
+    Attempt,
+    Noise,
+    Objects,
+    attempt_at,
+    fit,
+    named,
+    noise_of,
+    objects_of,
+    squared_residuals,
+    with_noise,
+)
 from gse.process.jit import compiled, compiled_part
 
 # Hypotheses by votes: which star an alpha star may be, at which roll.

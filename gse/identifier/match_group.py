@@ -5,8 +5,7 @@ group is given the zero point that suits it best, which makes the gate a little 
 """
 
 from gse.catalog import StarCatalog
-from gse.identifier.pivot import PivotIdentifier, brightest_stars
-from gse.identifier.pivot_search import PIVOT_MEMBERS
+from gse.identifier.pivot import PIVOT_MEMBERS, PivotIdentifier, brightest_stars
 from gse.values.camera import Camera
 from gse.values.identifier_options import IdentifierOptions
 

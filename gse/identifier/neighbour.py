@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog, mission_catalog
-from gse.identifier.acceptance import RandomSky, misfit, wahba_residual_rad
-from gse.identifier.input_checks import distinct_objects, refusals
+from gse.identifier.checks import RandomSky, distinct_objects, misfit, refusals, wahba_residual_rad
 from gse.identifier.neighbour_search import EVERYWHERE, Blocks, SearchOptions, best_vote, blocks_of, first_fit
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad

@@ -55,13 +55,13 @@ from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
+from gse.identifier.checks import refusal, refusals
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
 from gse.identifier.hypotheses import search_many
-from gse.identifier.input_checks import refusal, refusals
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.robust_tables import SkyTables, field_radius_rad, part_of_sky, sky_tables
 from gse.identifier.search_plan import plan_of_part, search_plan
-from gse.identifier.tangent_plane import outside_fields
+from gse.identifier.verify import outside_fields
 from gse.values.camera import Camera
 from gse.values.identifier_options import IdentifierOptions
 from gse.values.matrices import product

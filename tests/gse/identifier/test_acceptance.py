@@ -10,7 +10,7 @@ from scipy.stats import binom
 
 from gse.catalog import StarCatalog
 from gse.identifier import Identification, Reason, Unidentified
-from gse.identifier.acceptance import RandomSky, accepted, wahba_residual_rad
+from gse.identifier.checks import RandomSky, accepted, wahba_residual_rad
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS
 from gse.identifier.robust import _believed, _false_match_probability
 from gse.values.panorama import Parts

@@ -12,7 +12,7 @@ from devices.patience import PATIENCE_S
 
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.identifier.acceptance import wahba_residual_rad
+from gse.identifier.checks import wahba_residual_rad
 from gse.identifier.first_compilation import compile_attitudes, compile_robust, first_compilation, is_compiled
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust import RobustIdentifier, stars_looked_at

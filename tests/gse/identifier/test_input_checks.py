@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gse.identifier import Reason
-from gse.identifier.input_checks import distinct_objects, refusal, refusals
+from gse.identifier.checks import distinct_objects, refusal, refusals
 from gse.identifier.result import ObjectColumns
 
 FEWEST = 4

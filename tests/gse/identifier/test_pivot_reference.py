@@ -11,8 +11,7 @@ from skies.reference_pivot import ReferencePivot, magnitude_gate
 from gse.catalog import brightest_per_field, load_catalog, mission_catalog
 from gse.identifier.consistency import separations
 from gse.identifier.match_group import MAGNITUDE_GATE
-from gse.identifier.pivot import Cells
-from gse.identifier.pivot_search import FOUND, NO_GATE, TIE, Gates, PivotObjects, PivotSky, search
+from gse.identifier.pivot import FOUND, NO_GATE, TIE, Cells, Gates, PivotObjects, PivotSky, search
 from gse.identifier.tables import build_pair_table
 from gse.values.camera import Camera
 from gse.values.spiral import spiral_directions
