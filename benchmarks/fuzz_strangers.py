@@ -53,7 +53,7 @@ with atheris.instrument_imports(include=["gse.cli", "gse.sessions", "gse.campaig
     from gse.sessions.golden import check, expected_path, junit_of
     from gse.sessions.replay import ReplayOptions
     from gse.sessions.status_file import process_mark
-    from gse.station.notes import Notes
+    from gse.station.events import Notes
     from gse.view.glance import Glance
     from gse.view.live_state import LiveState
     from gse.view.recent import NextPiece

@@ -28,8 +28,7 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.sessions.commanding import command_sensor
 from gse.sessions.status_file import process_mark
-from gse.station.events import StationKind
-from gse.station.notes import Notes
+from gse.station.events import Notes, StationKind
 from gse.station.reception import Reception
 from gse.station.results import Verdict
 from gse.values.panorama import Panorama

@@ -24,8 +24,8 @@ import yaml
 
 from gse.cli import main
 from gse.sessions.replay import replay_session
-from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.session_data import SessionData
+from gse.station.session_tables import ANGLES, QUATERNION
 from gse.truth.solar_system import sun_altitude_deg
 from gse.values.attitude_convention import from_angles, state_angles, to_quaternions
 from gse.values.constants import ARCSEC_RAD

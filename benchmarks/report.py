@@ -61,7 +61,7 @@ def made(count: int):  # type: ignore[no-untyped-def]
     import numpy as np
     from skies.synthetic_night import small_catalog, synthetic_night
 
-    from gse.station.frame_table import MOST_MATCHES, FrameTable
+    from gse.station.session_tables import MOST_MATCHES, FrameTable
 
     session = synthetic_night(_NIGHT)
     session.stars = small_catalog().listed

@@ -14,8 +14,8 @@ from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERNAL,
 from gse.cli.options import gathered, json_option, paper_option, verbose_option
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
-from gse.station.frame_table import MOST_IN_MEMORY
 from gse.station.session_data import SessionData
+from gse.station.session_tables import MOST_IN_MEMORY
 
 if TYPE_CHECKING:
     from gse.verdict.assessment import Assessment

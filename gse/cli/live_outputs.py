@@ -25,9 +25,9 @@ from gse.diagnosis.diagnosis import LiveDiagnosis
 from gse.errors import UsageError
 from gse.recording.session_format import RecorderKind
 from gse.sessions.forecast import Forecast, snapshot
+from gse.station.events import Notes
 from gse.station.frame_results import FrameResults, frame_json
 from gse.station.loop import Listener, StationLoop
-from gse.station.notes import Notes
 from gse.station.session_data import SessionData
 from gse.view.live_state import LiveState
 from gse.view.status import StatusLine

@@ -9,7 +9,7 @@ from drivers.clock import read_clock
 from gse.cli.status import newest_session
 from gse.errors import UsageError
 from gse.sessions.status_file import is_running, leave_note
-from gse.station.notes import OF_MOUNT, note_text
+from gse.station.events import OF_MOUNT, note_text
 
 _TAKEN_WITHIN_S = 5.0
 _LOOK_EVERY_S = 0.1

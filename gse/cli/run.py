@@ -53,9 +53,8 @@ from gse.sessions import night
 from gse.sessions.live import REST_S, Ending, LiveSession, Operator, run_live
 from gse.sessions.night import run_every_night
 from gse.sessions.status_file import StatusFile, is_unfinished, session_folders
-from gse.station.events import StationKind
+from gse.station.events import Notes, StationKind
 from gse.station.loop import Listener, StationLoop
-from gse.station.notes import Notes
 from gse.station.polling import check_asking
 from gse.station.setup import addressed
 from gse.truth.iers_tables import GivenTables

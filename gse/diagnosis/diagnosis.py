@@ -42,13 +42,13 @@ from gse.diagnosis.plain_findings import (
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import pole
-from gse.station.clock_steps import clock_steps, clock_stretches
 from gse.station.events import ClockStep, Finding, FindingEvent, StationKind
 from gse.station.frame_results import FrameResults
-from gse.station.frame_table import thinned, xy_px_of
+from gse.station.host_clock import clock_steps, clock_stretches
 from gse.station.own_answers import sensor_answers
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.station.session_tables import thinned, xy_px_of
 from gse.statistics.counted_frames import CountedFrames, counted_frames
 from gse.statistics.sensor_convention import session_convention
 from gse.statistics.session_statistics import Statistics

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import residuals_of, xy_px_of
+from gse.station.session_tables import residuals_of, xy_px_of
 from gse.values.axis import D_ROLL, OF_SENSOR
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD
@@ -96,7 +96,7 @@ def error_series(frames: Columns, used: NDArray[np.bool_]) -> ErrorSeries | None
 def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera) -> ErrorSeries:
     """The errors as they are with the stars (rows of MATCH) that answers left out; between frames without rows linear.
 
-    Those that an identifier names are chosen by their distances, which biases them (gse.station.unnamed_stars).
+    Those that an identifier names are chosen by their distances, which biases them (gse.station.shown_stars).
     """
     matches = matches.compress(np.isin(matches["frame"], series.rows))
     residuals = residuals_of(matches)

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.session_data import SessionData
+from gse.station.session_tables import residuals_of, xy_px_of
 from gse.truth import time_blocks
 from gse.values.axis import ON_SKY
 from gse.values.star_influence import (

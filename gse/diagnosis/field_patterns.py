@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.station.frame_table import residuals_of, thinned, xy_px_of
+from gse.station.session_tables import residuals_of, thinned, xy_px_of
 from gse.truth import Refraction, time_blocks
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.station.clock_steps import clock_steps
 from gse.station.frame_columns import Columns
+from gse.station.host_clock import clock_steps
 from gse.values.instant import NS_PER_S
 
 CRYSTAL_PPM = 100.0

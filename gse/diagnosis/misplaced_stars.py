@@ -13,9 +13,9 @@ from gse.station.camera_watch import ROUND_PX, other_size_in_words
 from gse.station.columns import STATUSES
 from gse.station.events import Finding
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.results import Status
 from gse.station.session_data import SessionData, middle_instant_ns
+from gse.station.session_tables import residuals_of, xy_px_of
 from gse.station.setup import catalog_of
 from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.counted_frames import CountedFrames

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent, LinkKind
 from gse.diagnosis.late_frames import CRYSTAL_PPM
 from gse.diagnosis.misplaced_stars import ENTER_CAMERA, FALLEN_OUT_SHARE
-from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, Finding, StationKind
 from gse.station.exclusions import after_restart, leapt_clock
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import residuals_of
+from gse.station.host_clock import clock_steps, first_rows
 from gse.station.results import Status
 from gse.station.session_data import SessionData
+from gse.station.session_tables import residuals_of
 from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.excuses import air_in_field, only_reference_answers

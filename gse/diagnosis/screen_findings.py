@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from gse.station.events import Finding, StationKind
-from gse.station.frame_table import residuals_of, thinned, xy_px_of
 from gse.station.session_data import SessionData
+from gse.station.session_tables import residuals_of, thinned, xy_px_of
 from gse.values.constants import ARCSEC_RAD
 from gse.values.screen import Screen
 

@@ -32,10 +32,10 @@ from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_ra
 from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import Finding, StationKind
-from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.mount_alignment import persistent_arcsec2
 from gse.station.results import ERRORS, AnswerCheck, Status
 from gse.station.session_data import SessionData
+from gse.station.session_tables import residuals_of, xy_px_of
 from gse.statistics.clock_health import ClockHealth
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.excuses import MISSING_SHARE, Mistake, Mistaken

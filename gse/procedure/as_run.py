@@ -26,15 +26,14 @@ from drivers.chunk import LinkEvent
 from drivers.outside_text import plain_line
 from gse.config.station import Station, VerifiedRequirement
 from gse.procedure.file import Watch, parse_procedure
-from gse.station.attitude_table import AttitudeTable
 from gse.station.columns import STATUSES
 from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import FrameTable
 from gse.station.housekeeping import Housekeeping
 from gse.station.results import Status, Verdict
 from gse.station.session_data import SessionData
+from gse.station.session_tables import AttitudeTable, FrameTable
 from gse.statistics.decision import RISK
 from gse.values.instant import LAST_NS, NS_PER_S
 

@@ -3,7 +3,7 @@
 Stars: one row per matched star and frame, with residual, pixel phase, place in the field, temperature. Names: one row
 per star that the sensor names (STARS messages), with what the station finds there.
 
-Thinning: the rows are those that the frame table keeps (gse.station.frame_table). All matches of a frame are kept or
+Thinning: the rows are those that the frame table keeps (gse.station.session_tables). All matches of a frame are kept or
 none: of every frame first, of every second, fourth, ... as soon as a session has more than MOST_MATCHES of them.
 """
 
@@ -18,8 +18,8 @@ from gse.catalog.stars import ListedStars
 from gse.report.frames_table import KEY, instants, numbers, same_key, table_of
 from gse.report.parquet import ROWS_AT_ONCE
 from gse.report.table_columns import UTC, field, schema
-from gse.station.frame_table import MATCH, xy_px_of
 from gse.station.session_data import SessionData
+from gse.station.session_tables import MATCH, xy_px_of
 from gse.station.star_names import judged_names
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD

@@ -21,7 +21,7 @@ from typing import Self
 
 from gse.config.station import AlarmKind, Alarms
 from gse.errors import GseError
-from gse.station.notes import MOST_CHARACTERS, Notes
+from gse.station.events import MOST_CHARACTERS, Notes
 from gse.values.instant import NS_PER_S
 from gse.view.glance_word import NO_ANSWER_S
 from gse.view.live_state import NO_SKY, LiveState, SessionSoFar

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from gse.external.answers import ExternalAnswer
-from gse.station.attitude_table import ACQUIRED, ANGLES, QUATERNION
 from gse.station.frame_results import FrameResult, FrameResults
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.station.session_tables import ACQUIRED, ANGLES, QUATERNION
 from gse.truth.frames import icrs_to_frame
 from gse.values.attitude_convention import AttitudeConvention, state_angles, state_quaternions
 from gse.values.matrices import product

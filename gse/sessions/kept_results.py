@@ -54,13 +54,12 @@ from gse.report.sessions_table import sessions_table
 from gse.report.stars_table import stars_parts, stars_schema
 from gse.sessions.replay import Replay, StationInForce, names_program, station_in_force
 from gse.sessions.status_file import is_running, read_status
-from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.columns import COLUMNS, Column
 from gse.station.events import ClockStep
-from gse.station.frame_table import MATCH, MOST_IN_MEMORY, OTHER, FrameTable
 from gse.station.housekeeping import ITEM, Housekeeping, ItemSummary
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
+from gse.station.session_tables import MATCH, MOST_IN_MEMORY, OTHER, OWN_ANSWER, AttitudeTable, FrameTable
 from gse.station.star_names import STAR_NAME, StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.values.matrices import solve

@@ -49,11 +49,10 @@ from gse.recording.session_format import (
 )
 from gse.sessions.asking import Asking, asking_of
 from gse.sessions.status_file import StatusFile
-from gse.station.events import StationKind
+from gse.station.events import OF_SENSOR, Notes, StationKind, event_of
 from gse.station.frame_results import FrameResults
 from gse.station.housekeeping import parameters_of
 from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
-from gse.station.notes import OF_SENSOR, Notes, event_of
 from gse.station.polling import check_asking
 from gse.station.session_data import SessionData
 from gse.station.setup import addressed, check_external, set_up

@@ -22,7 +22,7 @@ from drivers.host_files import READ, only_a_file, write_whole
 from drivers.outside_text import is_plain, plain_line
 from drivers.session_file.record_scanner import MAGIC
 from gse.errors import UsageError
-from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, OF_SENSOR, Notes, note_text
+from gse.station.events import MOST_CHARACTERS, MOST_WAITING, OF_SENSOR, Notes, note_text
 from gse.values import instant
 from gse.view.live_state import LiveState
 from gse.view.verdict_text import headline

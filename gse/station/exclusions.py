@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
 from gse.errors import UsageError
-from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, first_rows
 from gse.station.events import ClockStep, StationKind
 from gse.station.frame_columns import Columns
+from gse.station.host_clock import ClockStretch, clock_steps, clock_stretches, first_rows
 from gse.values.constants import EARTH_RATE_RAD_PER_S
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
 from gse.values.shown import ShownSky

@@ -20,9 +20,8 @@ from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_results import FrameResults
 from gse.station.non_stellar import NonStellarObjects, Others
 from gse.station.results import ERRORS, AnswerCheck, Matches, Starlight, Status
-from gse.station.starlight import rows_of, starlights
+from gse.station.shown_stars import LeftOutStars, SolvedFrames, rows_of, starlights
 from gse.station.thinned_search import ThinnedSearch
-from gse.station.unnamed_stars import LeftOutStars, SolvedFrames
 from gse.truth import SiderealTruth
 from gse.values.attitude import Attitude, Attitudes, paper_mean, solve_attitude, solve_attitudes
 from gse.values.camera import Camera

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from gse.external.identifier import Given
 from gse.identifier import Answers
 from gse.station.columns import ANSWER_CHECKS, STATUSES, empty_rows
-from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN, Others
 from gse.station.results import ERRORS, AnswerCheck, AttitudeError, Match, Matches, Starlight, Status
-from gse.station.starlight import rows_of
+from gse.station.session_tables import MATCH, OTHER
+from gse.station.shown_stars import rows_of
 from gse.values import instant
 from gse.values.attitude import Attitude, Attitudes, angles_deg
 from gse.values.panorama import Panorama, Panoramas

@@ -79,9 +79,9 @@ from gse.station.reception import News, Received, Reception
 from gse.station.results import OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
+from gse.station.shown_stars import LeftOutStars
 from gse.station.sky_condition import SkyWatch
 from gse.station.thinned_search import ThinnedSearch
-from gse.station.unnamed_stars import LeftOutStars
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from gse.values.mount import InertialDirection, Mount

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from gse.errors import UsageError
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_results import FrameResult, FrameResults
-from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.results import AnswerCheck
 from gse.station.session_data import SessionData
+from gse.station.session_tables import residuals_of, xy_px_of
 from gse.station.sky_condition import DOUBTFUL_SHARE, FEWEST_EXPECTED, SUN_LIMIT_DEG, WINDOW_NS
 from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks, truth_of
 from gse.truth.solar_system import sun_altitude_deg

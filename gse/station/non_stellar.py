@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier import Answers
-from gse.station.starlight import rows_of
+from gse.station.shown_stars import rows_of
 from gse.truth.solar_system import BODIES, bodies_icrs
 from gse.values.camera import Camera
 from gse.values.instant import NS_PER_S

@@ -50,8 +50,8 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.uart import BITS_PER_BYTE
 from gse.station.byte_stream import ByteStream, FrameAt
-from gse.station.clock_witness import ClockWitness
 from gse.station.events import ClockStep, StationKind
+from gse.station.host_clock import ClockWitness
 from gse.station.housekeeping import NO_ITEMS, FrameWithItems, ItemReader
 from gse.station.polling import Polling
 from gse.station.results import LinkCounters, OwnAnswer

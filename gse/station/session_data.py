@@ -8,13 +8,12 @@ from drivers.clock import ClockReading
 from gse.catalog.stars import ListedStars
 from gse.config.station import Station
 from gse.external.identifier import ExternalCounts
-from gse.station.attitude_table import AttitudeTable
-from gse.station.clock_steps import instants_ns
 from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion
-from gse.station.frame_table import FrameTable
+from gse.station.host_clock import instants_ns
 from gse.station.housekeeping import Housekeeping
 from gse.station.results import LinkCounters, Subject
+from gse.station.session_tables import AttitudeTable, FrameTable
 from gse.station.star_names import StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS

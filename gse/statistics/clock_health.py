@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.errors import UsageError
-from gse.station.clock_steps import clock_steps, clock_stretches, first_rows
 from gse.station.events import ClockStep
 from gse.station.frame_columns import Columns
+from gse.station.host_clock import clock_steps, clock_stretches, first_rows
 from gse.statistics.slopes import theil_sen
 from gse.values.instant import NS_PER_S
 

@@ -26,10 +26,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.exclusions import Cause, Exclusion, excluded
 from gse.station.frame_columns import Columns
+from gse.station.host_clock import clock_steps, first_rows
 from gse.station.own_answers import SensorAnswers, by_other_stars_arcsec
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.station.clock_steps import instants_ns
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion, excluded
-from gse.station.frame_table import thinned, xy_px_of
+from gse.station.host_clock import instants_ns
 from gse.station.own_answers import SensorAnswers, sensor_answers
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
+from gse.station.session_tables import thinned, xy_px_of
 from gse.station.star_names import NamedStars, named_stars
 from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.counted_frames import CountedFrames, counted_frames, own_counted

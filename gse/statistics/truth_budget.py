@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drivers.second_port import passing_bound_s
-from gse.station.clock_steps import instants_ns
+from gse.station.host_clock import instants_ns
 from gse.station.own_answers import by_other_stars_arcsec
 from gse.station.session_data import SessionData, middle_instant_ns
 from gse.statistics.budget_terms import (

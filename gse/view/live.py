@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Literal, Self
 from drivers.chunk import LinkEvent
 from gse.catalog import StarCatalog
 from gse.errors import GseError
+from gse.station.events import Notes
 from gse.station.frame_results import FrameResults
-from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState, SessionSoFar
 from gse.view.server import USUAL_PORT, Content, ViewServer

@@ -19,9 +19,9 @@ from gse.recording.session_format import RecorderKind
 from gse.station.columns import STATUSES
 from gse.station.events import LINK_WORDS, SKY_WORDS, StationKind
 from gse.station.frame_results import FrameResult
-from gse.station.frame_table import FrameTable
 from gse.station.housekeeping import Housekeeping
 from gse.station.results import Status
+from gse.station.session_tables import FrameTable
 from gse.values import instant
 from gse.values.instant import NS_PER_S
 from gse.view.blueprint import LIVE_WINDOW_S, layout

@@ -38,7 +38,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from drivers.clock import read_clock
 from gse.errors import GseError
-from gse.station.notes import Notes, note_text
+from gse.station.events import Notes, note_text
 from gse.view.glance import Glance
 from gse.view.recent import NextPiece
 from gse.view.viewer import MEDIA_TYPES, ViewerFiles, rerun_version

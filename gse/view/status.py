@@ -14,9 +14,9 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.chunk import LinkEvent, LinkKind
-from gse.station.clock_witness import LEAST_OFF_S
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
+from gse.station.host_clock import LEAST_OFF_S
 from gse.station.session_data import SessionData
 from gse.values import instant
 from gse.values.axis import D_DE, D_RA_COSDE

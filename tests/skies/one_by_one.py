@@ -9,9 +9,9 @@ from gse.external.identifier import Given
 from gse.identifier import Answers, Identification
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_results import FrameResult, FrameResults
-from gse.station.frame_table import FrameTable
 from gse.station.non_stellar import KINDS, Others
 from gse.station.results import AnswerCheck, AttitudeError, Matches, Starlight, Status
+from gse.station.session_tables import FrameTable
 from gse.values.attitude import Attitude, Attitudes
 from gse.values.panorama import Panorama, Panoramas, Parts
 

@@ -4,8 +4,8 @@ import copy
 
 import numpy as np
 
-from gse.station.attitude_table import AttitudeTable
 from gse.station.own_answers import OwnAnswerTruth, field_of
+from gse.station.session_tables import AttitudeTable
 from gse.truth import truth_of
 from gse.values.attitude import solve_attitude
 from gse.values.attitude_convention import AttitudeConvention, state_angles

@@ -15,7 +15,7 @@ from gse.diagnosis.field_patterns import field_of_errors
 from gse.diagnosis.fine_findings import Setting, fine_findings
 from gse.diagnosis.session_model import SessionModel
 from gse.station.columns import FRAME
-from gse.station.frame_table import MATCH
+from gse.station.session_tables import MATCH
 from gse.truth import EarthOrientation, Refraction, SiderealTruth, horizon_to_sensor
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD

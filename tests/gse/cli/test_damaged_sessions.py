@@ -8,7 +8,7 @@ from devices.command_line import Gse
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.sessions.status_file import StatusFile, read_status
-from gse.station.notes import Notes
+from gse.station.events import Notes
 from gse.view.live_state import LiveState
 
 MADE = ("simulate", "--scenario", "own-answers", "--seconds", 30, "--rate-hz", 1)

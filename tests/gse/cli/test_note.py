@@ -11,7 +11,7 @@ from gse.cli.note import command
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
 from gse.sessions.status_file import StatusFile, collect_notes, leave_note, read_status
-from gse.station.notes import Notes
+from gse.station.events import Notes
 from gse.view.live_state import LiveState
 
 

@@ -14,7 +14,7 @@ from gse.diagnosis.error_series import (
     with_left_out,
 )
 from gse.station.columns import FRAME
-from gse.station.frame_table import MATCH
+from gse.station.session_tables import MATCH
 from gse.values.camera import Camera
 from gse.values.star_influence import boresight_shifts
 

@@ -19,9 +19,9 @@ from gse.report.sessions_table import failed_session, night_of, session_tables, 
 from gse.report.stars_table import stars_parts, stars_schema
 from gse.report.table_columns import joined
 from gse.station.columns import COLUMNS
-from gse.station.frame_table import MATCH
 from gse.station.own_answers import sensor_answers
 from gse.station.results import Subject
+from gse.station.session_tables import MATCH
 from gse.values.instant import from_text
 from gse.verdict.assessment import judge
 

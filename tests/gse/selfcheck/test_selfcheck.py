@@ -13,8 +13,8 @@ from gse.process.installation import source_sha256
 from gse.selfcheck.check import selfcheck
 from gse.selfcheck.made_session import KNOWN_ERRORS
 from gse.selfcheck.result import CheckedRow, SelfCheckResult, keep_result, last_result
-from gse.station.frame_table import FrameTable
 from gse.station.loop import StationLoop
+from gse.station.session_tables import FrameTable
 from gse.station.setup import versions
 from gse.truth import SiderealTruth
 

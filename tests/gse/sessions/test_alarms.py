@@ -16,8 +16,7 @@ from drivers.clock import ClockReading
 from gse.config.station import BUILT_IN_TEXT, Alarms, parse_station
 from gse.errors import GseError
 from gse.sessions.alarms import Alarmed, send_message, troubles
-from gse.station.events import StationKind
-from gse.station.notes import Notes
+from gse.station.events import Notes, StationKind
 from gse.values.instant import NS_PER_S
 from gse.view.live_state import LiveState
 

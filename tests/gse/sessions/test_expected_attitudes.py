@@ -13,9 +13,9 @@ from gse.external.answers import parse_answer
 from gse.external.identifier import Given
 from gse.sessions.expected_attitudes import ExpectedAttitudes
 from gse.sessions.replay import replay_session
-from gse.station.attitude_table import AttitudeTable
 from gse.station.own_answers import measured_rotations, paired
 from gse.station.results import Status, Subject
+from gse.station.session_tables import AttitudeTable
 from gse.values.attitude_convention import AttitudeConvention, read_quaternions, state_angles, state_quaternions
 from gse.values.panorama import Panorama
 from protocols import AttitudeMessage, load_protocol

@@ -30,7 +30,7 @@ from gse.sessions.status_file import (
     read_status,
     session_folders,
 )
-from gse.station.notes import Notes
+from gse.station.events import Notes
 from gse.values import instant
 from gse.view.live_state import LiveState
 

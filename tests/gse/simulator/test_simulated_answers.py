@@ -9,8 +9,8 @@ from gse.simulator.device import device_factory
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.scenario import parse_scenario
 from gse.station.attitude_error import attitude_errors
-from gse.station.attitude_table import AttitudeTable
 from gse.station.own_answers import OwnAnswerTruth, measured_rotations
+from gse.station.session_tables import AttitudeTable
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.values.instant import NS_PER_S, from_text
 from protocols import AttitudeMessage, FrameDecoder, PanoramaMessage, load_protocol

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gse.station.attitude_table import OWN_ANSWER, AttitudeTable, has_answer
+from gse.station.session_tables import OWN_ANSWER, AttitudeTable, has_answer
 from protocols import AttitudeMessage
 
 ANGLES = {"time_us": 5, "ra_deg": 10.0, "de_deg": -20.0, "roll_deg": 30.0}

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from drivers.chunk import LinkEvent
-from gse.station.clock_steps import (
+from gse.station.columns import FRAME
+from gse.station.events import ClockStep, StationKind
+from gse.station.host_clock import (
     ClockStretch,
     clock_steps,
     clock_stretches,
@@ -12,8 +14,6 @@ from gse.station.clock_steps import (
     instants_ns,
     wrong_by_ns,
 )
-from gse.station.columns import FRAME
-from gse.station.events import ClockStep, StationKind
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
 
 SECOND = NS_PER_S

@@ -14,7 +14,7 @@ from skies.synthetic_night import synthetic_night
 from gse.report.summary import summarise
 from gse.station.columns import FRAME
 from gse.station.frame_columns import GIVE_BACK_BYTES, ColumnStore, FrameColumns, InOrder
-from gse.station.frame_table import MATCH, FrameTable
+from gse.station.session_tables import MATCH, FrameTable
 from gse.verdict.assessment import judge
 
 MIB = 1 << 20

@@ -11,9 +11,9 @@ from gse.external.answers import Failure, FailureKind
 from gse.external.identifier import Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
-from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import KINDS
 from gse.station.results import AnswerCheck, AttitudeError, Status
+from gse.station.session_tables import MATCH, OTHER
 from gse.values.attitude import Attitude
 from gse.values.panorama import Panorama
 

@@ -10,8 +10,8 @@ from skies.synthetic_night import synthetic_frames
 
 from gse.identifier import Identification
 from gse.station.columns import FRAME
-from gse.station.frame_table import MATCH, MOST_IN_MEMORY, MOST_MATCHES, OTHER, FrameTable
 from gse.station.results import Status
+from gse.station.session_tables import MATCH, MOST_IN_MEMORY, MOST_MATCHES, OTHER, FrameTable
 from gse.values.panorama import Panorama
 
 

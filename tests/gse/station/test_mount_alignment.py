@@ -9,10 +9,10 @@ from gse.config.choice import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError, UsageError
 from gse.station.columns import empty_rows
-from gse.station.frame_table import MATCH
 from gse.station.mount_alignment import MIN_FRAMES, FirstSeconds, MeasuredMounts, cross_validated, persistent_arcsec2
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
+from gse.station.session_tables import MATCH
 from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
 from gse.values.attitude import Attitude
 from gse.values.instant import NS_PER_S, from_text

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gse.station.notes import MOST_CHARACTERS, Notes, event_of, note_text
+from gse.station.events import MOST_CHARACTERS, Notes, event_of, note_text
 
 
 def test_notes_are_fetched_once_in_their_order_and_too_many_are_refused():

@@ -15,7 +15,6 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.report import summarise
 from gse.report.files import frames_csv
 from gse.station.attitude_error import attitude_errors
-from gse.station.attitude_table import OWN_ANSWER, QUATERNION
 from gse.station.columns import FRAME
 from gse.station.loop import StationLoop
 from gse.station.own_answers import (
@@ -27,6 +26,7 @@ from gse.station.own_answers import (
 )
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
+from gse.station.session_tables import OWN_ANSWER, QUATERNION
 from gse.station.setup import set_up
 from gse.statistics.decision import Outcome
 from gse.truth.frames import icrs_to_frame

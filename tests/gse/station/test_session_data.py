@@ -5,9 +5,9 @@ from skies.known_nights import STATION
 
 from gse.config.station import BUILT_IN_TEXT
 from gse.station.events import ClockStep, StationKind
-from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
+from gse.station.session_tables import FrameTable
 
 
 def session(**changes):

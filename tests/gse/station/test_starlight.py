@@ -8,7 +8,7 @@ import pytest
 from skies.one_by_one import DARK, Light, lights_of
 
 from gse.identifier import Answers, Identification, Reason, Unidentified
-from gse.station.starlight import rows_of, starlights
+from gse.station.shown_stars import rows_of, starlights
 from gse.values.panorama import Parts
 
 CATALOG = SimpleNamespace(magnitude=np.array([1.0, 2.0, 3.0, 5.0, 6.5]))

@@ -11,7 +11,7 @@ from skies.made_frames import FIELD_14_DEG
 from gse.catalog import load_catalog
 from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.neighbour import NeighbourIdentifier
-from gse.station.unnamed_stars import WITHIN_PX, LeftOutStars, SolvedFrames
+from gse.station.shown_stars import WITHIN_PX, LeftOutStars, SolvedFrames
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 from gse.values.attitude import Attitude, solve_attitude
 from gse.values.identifier_options import IdentifierOptions

@@ -14,9 +14,9 @@ from gse.errors import UsageError
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions, parse_exclusion
-from gse.station.frame_table import MATCH
 from gse.station.own_answers import SensorAnswers
 from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
+from gse.station.session_tables import MATCH
 from gse.statistics.counted_frames import counted_frames, own_counted
 from gse.statistics.session_statistics import statistics
 from gse.values.instant import NS_PER_S, from_text

@@ -12,9 +12,9 @@ from skies.known_nights import START_NS, STATION
 from skies.known_nights import session as night
 from skies.own_answers import with_answers, without_error
 
-from gse.station.attitude_table import OWN_ANSWER
 from gse.station.columns import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
+from gse.station.session_tables import OWN_ANSWER
 from gse.statistics.sensor_convention import (
     ConventionFit,
     ConventionSearch,

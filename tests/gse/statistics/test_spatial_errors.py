@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 from skies.known_nights import STATION
 
-from gse.station.frame_table import MATCH
+from gse.station.session_tables import MATCH
 from gse.statistics.spatial_errors import _field_basis, _noise, _part, _pixel_basis, spatial_errors
 from gse.statistics.subject_statistics import first_fixes_s, thermal_error
 from gse.values.constants import ARCSEC_PER_RAD

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from astropy.time import Time
 
-from gse.station.clock_witness import ClockWitness, looks_like
+from gse.station.host_clock import ClockWitness, looks_like
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.sensor_time import tag_us_of, to_middle_us, utc_ns_of
 from protocols.description import TimeDescription

@@ -8,8 +8,8 @@ from skies.known_nights import VOUCHED, session
 from skies.own_answers import with_answers, without_error
 
 from gse.station.columns import ANSWER_CHECKS, STATUSES
-from gse.station.frame_table import MATCH
 from gse.station.results import AnswerCheck, Status, Subject, Verdict
+from gse.station.session_tables import MATCH
 from gse.statistics.decision import Outcome
 from gse.verdict.assessment import judge
 

@@ -10,8 +10,8 @@ from skies.known_nights import START_NS, STATION, session
 from gse.station.columns import FRAME
 from gse.station.events import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion
-from gse.station.frame_table import MATCH
 from gse.station.results import Subject
+from gse.station.session_tables import MATCH
 from gse.statistics.session_statistics import statistics
 from gse.values.instant import NS_PER_S
 from gse.verdict.obstacles import _answers_not_compared, missing_by_time, obstacles

@@ -15,13 +15,13 @@ from drivers.clock import ClockReading
 from gse.config.station import BUILT_IN_TEXT, DocumentedTest
 from gse.diagnosis.sensor_findings import by_each_idea
 from gse.errors import UsageError
-from gse.station.attitude_table import AttitudeTable
 from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
 from gse.station.events import StationKind
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.own_answers import not_compared, own_truth, sensor_answers
 from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
+from gse.station.session_tables import AttitudeTable
 from gse.statistics.availability import Outages
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.clock_health import clock_health, stated_error_s

@@ -18,8 +18,7 @@ from skies.one_by_one import results_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent
-from gse.station.events import StationKind
-from gse.station.notes import Notes
+from gse.station.events import Notes, StationKind
 from gse.view.drawing import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.view.glance import Glance
 from gse.view.live import LiveView

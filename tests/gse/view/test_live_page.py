@@ -26,7 +26,7 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
+from gse.station.events import MOST_CHARACTERS, MOST_WAITING, Notes
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
 from gse.view.server import _SHOW_VERDICT_S, _WRONG_TOKEN_S, MOST_BROWSERS, Content, ViewServer

@@ -14,8 +14,7 @@ from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading, read_clock
 from gse.sessions.replay import replay_session
 from gse.sessions.status_file import StatusFile
-from gse.station.events import StationKind
-from gse.station.notes import Notes
+from gse.station.events import Notes, StationKind
 from gse.values.instant import NS_PER_S
 from gse.view.glance import Glance
 from gse.view.live_state import STATE_EVERY_NS, LiveState

@@ -9,9 +9,8 @@ from devices.rerun_recording import moving, rows_of
 
 from drivers.clock import ClockReading
 from gse.sessions.replay import replay_session
-from gse.station.attitude_table import AttitudeTable
-from gse.station.frame_table import FrameTable
 from gse.station.own_answers import NewOwnErrors, sensor_answers
+from gse.station.session_tables import AttitudeTable, FrameTable
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
 from gse.view.rerun_feed import RerunFeed

@@ -18,9 +18,9 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
 from gse.station.columns import FRAME, STATUSES
-from gse.station.frame_table import FrameTable
 from gse.station.housekeeping import ITEM, Housekeeping
 from gse.station.results import Status
+from gse.station.session_tables import FrameTable
 from gse.values.instant import NS_PER_S
 from gse.view.blueprint import _title, layout
 from gse.view.saved_view import save_view
