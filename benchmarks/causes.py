@@ -23,8 +23,7 @@ import numpy as np
 
 from gse.diagnosis import fine_causes
 from gse.diagnosis.diagnosis import session_model
-from gse.diagnosis.fine_causes import sinusoids, steps
-from gse.diagnosis.fine_hypotheses import causes_of_field, constant_causes, drifts
+from gse.diagnosis.fine_causes import causes_of_field, constant_causes, drifts, sinusoids, steps
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import pole
 from gse.station.events import Finding

@@ -32,7 +32,7 @@ from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor, small_
 from gse.values.axis import ON_SKY
 from gse.values.constants import ARCSEC_PER_RAD
 from gse.values.instant import NS_PER_S, from_text, to_text
-from gse.verdict.compared_axis import ComparedAxis, ComparedSession, axis_rows
+from gse.verdict.compared_rows import ComparedAxis, ComparedSession, axis_rows
 
 FIRST_NS = from_text("2026-01-05T13:00:00Z")
 SIGMAS = 3.0

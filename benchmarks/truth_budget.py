@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gse.station.attitude_error import attitude_error
+from gse.station.results import attitude_error
 from gse.statistics.star_terms import PARALLAX_ARCSEC, FieldOfStars, star_terms
 from gse.statistics.truth_budget import SessionFacts, truth_budget
 from gse.statistics.uncertainty import TO_STANDARD

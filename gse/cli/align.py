@@ -15,8 +15,8 @@ from gse.cli.options import fit_options, say
 from gse.config.choice import change_to, with_values
 from gse.errors import UsageError
 from gse.process.terminal import working
-from gse.station.attitude_error import attitude_error
 from gse.station.mount_alignment import CrossValidation, MeasuredMounts, cross_validated
+from gse.station.results import attitude_error
 from gse.statistics.uncertainty import TO_STANDARD
 from gse.truth import Alignment, horizon_to_sensor
 from gse.values.attitude import Attitude

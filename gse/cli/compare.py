@@ -18,7 +18,7 @@ from gse.errors import UsageError
 from gse.sessions.expected_attitudes import ExpectedAttitudes
 from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import statistics
-from gse.verdict.compared_axis import ComparedRow
+from gse.verdict.compared_rows import ComparedRow
 from gse.verdict.session_comparison import SessionComparison, session_comparison
 
 if TYPE_CHECKING:

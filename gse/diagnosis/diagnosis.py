@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.diagnosis.error_series import ErrorSeries, error_series, often_answered, with_left_out
 from gse.diagnosis.field_patterns import field_of_errors, unexplained_residuals
 from gse.diagnosis.fine_causes import forget_fits
 from gse.diagnosis.fine_findings import Setting, fine_findings, without_shaking
@@ -40,7 +39,7 @@ from gse.diagnosis.plain_findings import (
     wrapped_tags,
 )
 from gse.diagnosis.sensor_findings import sensor_findings
-from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.session_model import ErrorSeries, SessionModel, error_series, often_answered, with_left_out
 from gse.diagnosis.turns import pole
 from gse.station.events import ClockStep, Finding, FindingEvent, StationKind
 from gse.station.frame_results import FrameResults

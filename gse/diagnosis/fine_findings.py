@@ -8,19 +8,19 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import FieldOfErrors
-from gse.diagnosis.fine_causes import Named, fine_causes
-from gse.diagnosis.fine_hypotheses import (
+from gse.diagnosis.fine_causes import (
     MOST_HPA,
     MOST_SWING_ARCSEC,
     TANGENTIAL,
     ZERO_C_K,
     FineHypothesis,
+    Named,
+    fine_causes,
 )
 from gse.diagnosis.gross_causes import DATE_S, wrong_dates
 from gse.diagnosis.late_frames import CRYSTAL_PPM, LateFrames
-from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.session_model import ErrorSeries, SessionModel
 from gse.diagnosis.turns import about, all_turns, pole
 from gse.station.events import Finding
 from gse.station.session_data import SessionData

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.fine_hypotheses import MOST_SLIP_ARCSEC
+from gse.diagnosis.fine_causes import MOST_SLIP_ARCSEC
 from gse.diagnosis.gross_causes import angle_text
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.events import Finding

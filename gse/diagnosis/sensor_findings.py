@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT
-from gse.station.attitude_error import attitude_errors
 from gse.station.events import Finding
 from gse.station.frame_columns import Columns
 from gse.station.own_answers import OwnAnswerTruth, SensorAnswers, by_other_stars_arcsec, field_of, own_truth
+from gse.station.results import attitude_errors
 from gse.station.session_data import SessionData
 from gse.station.session_tables import ANGLES, QUATERNION
 from gse.statistics.onboard_equivalence import OnboardEquivalence, answer_differences

@@ -29,11 +29,10 @@ from gse.diagnosis.gross_causes import CORRECT, angle_text, gross_cause_of
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
 from gse.diagnosis.moved_mount import SLIP, shown_frames
 from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_rad, taken_out
-from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import Finding, StationKind
 from gse.station.mount_alignment import persistent_arcsec2
-from gse.station.results import ERRORS, AnswerCheck, Status
+from gse.station.results import ERRORS, AnswerCheck, Status, attitude_errors
 from gse.station.session_data import SessionData
 from gse.station.session_tables import residuals_of, xy_px_of
 from gse.statistics.clock_health import ClockHealth

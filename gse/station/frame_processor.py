@@ -15,11 +15,10 @@ from gse.external.panoramas import rows_here
 from gse.identifier import Answers, Identification, Identifier, ObjectColumns, Reason, Unidentified
 from gse.identifier.result import answered
 from gse.identifier.robust import RobustIdentifier
-from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_results import FrameResults
 from gse.station.non_stellar import NonStellarObjects, Others
-from gse.station.results import ERRORS, AnswerCheck, Matches, Starlight, Status
+from gse.station.results import ERRORS, AnswerCheck, Matches, Starlight, Status, attitude_errors
 from gse.station.shown_stars import LeftOutStars, SolvedFrames, rows_of, starlights
 from gse.station.thinned_search import ThinnedSearch
 from gse.truth import SiderealTruth

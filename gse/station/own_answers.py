@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier import Answers
-from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.frame_columns import Columns
 from gse.station.frame_results import FrameResults
 from gse.station.non_stellar import Others
-from gse.station.results import ERRORS, AnswerCheck, Matches, OwnAnswer, Starlight, Status, Subject
+from gse.station.results import ERRORS, AnswerCheck, Matches, OwnAnswer, Starlight, Status, Subject, attitude_errors
 from gse.station.session_data import SessionData, middle_instant_ns
 from gse.station.session_tables import ANGLES, QUATERNION, AttitudeTable
 from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor, mount_of, truth_of

@@ -9,7 +9,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.station.attitude_error import attitude_error
+from gse.station.results import attitude_error
 from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.statistics.uncertainty import TO_STANDARD, Distribution, Term
 from gse.truth import Alignment, EarthOrientation, SiderealTruth, horizon_to_sensor

@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import Finding
 from gse.station.frame_columns import Columns
 from gse.station.own_answers import OwnAnswerTruth, own_truth, paired
-from gse.station.results import AnswerCheck, Status, Subject
+from gse.station.results import AnswerCheck, Status, Subject, attitude_errors
 from gse.station.session_data import SessionData
 from gse.station.session_tables import ANGLES, QUATERNION
 from gse.truth import mount_of, truth_of

@@ -42,7 +42,6 @@ from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.values.limits import Limits
 from gse.values.power import PowerUse
 from gse.values.text import percent
-from gse.verdict.compared_axis import ComparedRow as ComparedRow
 from gse.verdict.compared_rows import (
     Bounded,
     CompareRows,
@@ -54,6 +53,7 @@ from gse.verdict.compared_rows import (
     not_compared,
     slow_answers,
 )
+from gse.verdict.compared_rows import ComparedRow as ComparedRow
 from gse.verdict.planning import (
     Expected,
     accuracy_frames,

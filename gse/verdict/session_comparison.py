@@ -14,8 +14,7 @@ from gse.statistics.metrics import Metric, metrics
 from gse.statistics.session_statistics import Statistics
 from gse.values.axis import OF_SENSOR
 from gse.values.instant import NS_PER_S
-from gse.verdict.compared_axis import ComparedRow, ComparedSession, ComparedSubject, Pairs, sigmas_of
-from gse.verdict.compared_rows import SideBySide
+from gse.verdict.compared_rows import ComparedRow, ComparedSession, ComparedSubject, Pairs, SideBySide, sigmas_of
 from gse.verdict.requirements import REQUIREMENTS
 
 PAIRED_SHARE = 0.9

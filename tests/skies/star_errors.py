@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gse.catalog import load_catalog
-from gse.diagnosis.error_series import error_series
 from gse.diagnosis.field_patterns import field_of_errors
 from gse.diagnosis.fine_findings import Setting, fine_findings
-from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.session_model import SessionModel, error_series
 from gse.station.columns import FRAME
 from gse.station.session_tables import MATCH
 from gse.truth import EarthOrientation, Refraction, SiderealTruth, horizon_to_sensor

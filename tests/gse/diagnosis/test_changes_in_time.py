@@ -12,11 +12,20 @@ from scipy.optimize import brentq
 from skies.star_errors import SETTINGS
 
 from gse.diagnosis.competing_models import Predictions, fitted
-from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS
-from gse.diagnosis.fine_causes import _is_rest, _refined, _step, _wave, fine_causes, sinusoids, steps, together, told
-from gse.diagnosis.fine_hypotheses import constant_causes
-from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.fine_causes import (
+    _is_rest,
+    _refined,
+    _step,
+    _wave,
+    constant_causes,
+    fine_causes,
+    sinusoids,
+    steps,
+    together,
+    told,
+)
+from gse.diagnosis.session_model import ErrorSeries, SessionModel
 from gse.diagnosis.turns import pole
 
 SITE, MOUNT = SETTINGS[0]

@@ -17,8 +17,7 @@ from gse.diagnosis.competing_models import (
     fitted,
     white_precision,
 )
-from gse.diagnosis.fine_causes import _without_idle
-from gse.diagnosis.fine_hypotheses import FineHypothesis
+from gse.diagnosis.fine_causes import FineHypothesis, _without_idle
 
 K = 40
 NOISE = np.random.default_rng(1).normal(size=(K, 3))

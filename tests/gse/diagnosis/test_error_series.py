@@ -5,7 +5,7 @@ import pytest
 import scipy.fft
 from scipy.spatial.transform import Rotation
 
-from gse.diagnosis.error_series import (
+from gse.diagnosis.session_model import (
     MOST_INSTANTS,
     ErrorSeries,
     _rotation_vectors,

@@ -11,9 +11,9 @@ from scipy.optimize import brentq
 from skies.star_errors import CAMERA, SETTINGS, Truth, findings_of, made, model_of
 
 from gse.diagnosis.competing_models import Observed, Predictions, by_its_noise, fitted
-from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import FieldOfErrors, StarErrors
 from gse.diagnosis.fine_causes import (
+    FineHypothesis,
     _beside,
     _explains,
     _is_rest,
@@ -27,8 +27,7 @@ from gse.diagnosis.fine_causes import (
     together,
     told,
 )
-from gse.diagnosis.fine_hypotheses import FineHypothesis
-from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.session_model import ErrorSeries, SessionModel
 from gse.values.mount import Mount
 
 SITE, MOUNT = SETTINGS[0]

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from gse.diagnosis.competing_models import Predictions
-from gse.diagnosis.fine_causes import Named
+from gse.diagnosis.fine_causes import TANGENTIAL, FineHypothesis, Named
 from gse.diagnosis.fine_findings import _WORDS, Setting, Vibration, _vibration
-from gse.diagnosis.fine_hypotheses import TANGENTIAL, FineHypothesis
 from gse.diagnosis.late_frames import LateFrames
 from gse.values.camera import Camera
 from gse.values.instant import NS_PER_S, from_text

@@ -10,11 +10,10 @@ import scipy.interpolate
 from scipy.spatial.transform import Rotation
 
 from gse.diagnosis.competing_models import Predictions
-from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS, FieldOfErrors
-from gse.diagnosis.fine_hypotheses import FineHypothesis, causes_of_field, constant_causes, drifts
+from gse.diagnosis.fine_causes import FineHypothesis, causes_of_field, constant_causes, drifts
 from gse.diagnosis.gross_causes import errors_arcsec
-from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.session_model import ErrorSeries, SessionModel
 from gse.truth import horizon_to_sensor
 from gse.values.mount import Mount
 from gse.values.site import Site, SiteUncertainty

@@ -5,7 +5,7 @@ import pytest
 from skies.star_errors import SETTINGS, START_NS, Truth, made
 
 from gse.diagnosis.diagnosis import without_steps
-from gse.diagnosis.error_series import ErrorSeries, error_series
+from gse.diagnosis.session_model import ErrorSeries, error_series
 from gse.station.events import ClockStep, StationKind
 from gse.truth import horizon_to_sensor
 from gse.values.instant import NS_PER_S

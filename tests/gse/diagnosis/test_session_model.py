@@ -7,9 +7,8 @@ import pytest
 import scipy.fft
 
 from gse.diagnosis.competing_models import Fitted
-from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS, FieldOfErrors, StarErrors
-from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.session_model import ErrorSeries, SessionModel
 from gse.values.mount import Mount
 from gse.values.site import Site
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gse.diagnosis.diagnosis import _Cells, sampled_matches, without_star_changes
-from gse.diagnosis.error_series import ErrorSeries
+from gse.diagnosis.session_model import ErrorSeries
 from gse.station.session_tables import MATCH
 from gse.values.camera import Camera
 from gse.values.star_influence import attitude_operators, boresight_shifts

@@ -8,7 +8,6 @@ import pytest
 import scipy.stats
 from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
-from gse.diagnosis.error_series import error_series
 from gse.diagnosis.field_patterns import field_of_errors
 from gse.diagnosis.fine_findings import (
     _independent,
@@ -19,6 +18,7 @@ from gse.diagnosis.fine_findings import (
     vibration,
     without_waves,
 )
+from gse.diagnosis.session_model import error_series
 from gse.truth import horizon_to_sensor
 
 FRAME_S = 0.05

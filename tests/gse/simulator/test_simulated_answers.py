@@ -8,8 +8,8 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.simulator.device import device_factory
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.scenario import parse_scenario
-from gse.station.attitude_error import attitude_errors
 from gse.station.own_answers import OwnAnswerTruth, measured_rotations
+from gse.station.results import attitude_errors
 from gse.station.session_tables import AttitudeTable
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.values.instant import NS_PER_S, from_text

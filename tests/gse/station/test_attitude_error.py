@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.station.attitude_error import attitude_error, attitude_errors
+from gse.station.results import attitude_error, attitude_errors
 from gse.values.attitude import Attitude
 
 

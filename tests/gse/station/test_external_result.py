@@ -15,7 +15,6 @@ from gse.catalog import load_catalog
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.identifier import ExternalIdentifier, Given
 from gse.identifier import Identification, Reason, Unidentified
-from gse.station.attitude_error import attitude_errors
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_processor import (
     FrameProcessor,
@@ -29,7 +28,7 @@ from gse.station.frame_processor import (
     with_roll,
 )
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, Status
+from gse.station.results import AnswerCheck, Status, attitude_errors
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.values.attitude import Attitude
 from gse.values.instant import from_text

@@ -17,11 +17,10 @@ from gse.external.answers import ExternalAnswer
 from gse.external.identifier import ExternalIdentifier, Given
 from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
-from gse.station.attitude_error import attitude_error
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.frame_processor import FrameProcessor, Identified
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, Matches, Starlight, Status
+from gse.station.results import AnswerCheck, Matches, Starlight, Status, attitude_error
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.values.attitude import Attitude, paper_mean
 from gse.values.limits import Limits

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TRUTH
 
-from gse.station.attitude_error import attitude_errors
 from gse.station.own_answers import OwnAnswerProcessor, OwnAnswerTruth, field_of
-from gse.station.results import OwnAnswer, Status
+from gse.station.results import OwnAnswer, Status, attitude_errors
 from gse.truth import SiderealTruth
 from gse.values.attitude import Attitude
 from gse.values.attitude_convention import AttitudeConvention, state_angles

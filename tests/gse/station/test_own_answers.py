@@ -14,7 +14,6 @@ from drivers.clock import ClockReading
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.report import summarise
 from gse.report.files import frames_csv
-from gse.station.attitude_error import attitude_errors
 from gse.station.columns import FRAME
 from gse.station.loop import StationLoop
 from gse.station.own_answers import (
@@ -25,7 +24,7 @@ from gse.station.own_answers import (
     panoramas_of,
 )
 from gse.station.reception import Reception
-from gse.station.results import OwnAnswer, Status, Subject, Verdict
+from gse.station.results import OwnAnswer, Status, Subject, Verdict, attitude_errors
 from gse.station.session_tables import OWN_ANSWER, QUATERNION
 from gse.station.setup import set_up
 from gse.statistics.decision import Outcome

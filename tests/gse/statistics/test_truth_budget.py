@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TABLE, session
 
-from gse.station.attitude_error import attitude_error
+from gse.station.results import attitude_error
 from gse.statistics.truth_budget import SessionFacts, TruthUncertaintyBudget, session_facts, truth_budget
 from gse.statistics.uncertainty import Distribution, Term, combined, half_width
 from gse.truth import Alignment, EarthOrientation, SiderealTruth

@@ -12,7 +12,7 @@ from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.sampling import MIN_FRAMES
 from gse.values.axis import D_DE
 from gse.values.instant import NS_PER_S
-from gse.verdict.compared_axis import Change, ComparedAxis, ComparedSubject, axis_rows, error_of_mean, sigmas_of
+from gse.verdict.compared_rows import Change, ComparedAxis, ComparedSubject, axis_rows, error_of_mean, sigmas_of
 
 NOTHING = axis_statistics(np.array([], dtype=np.int64), np.array([]))
 NO_STARS = FieldContent(math.nan, 0.0, 0.0, 0.0)

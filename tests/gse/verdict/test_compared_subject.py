@@ -11,7 +11,7 @@ from skies.own_answers import with_answers, without_error
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.own_answers import ERRORS
 from gse.station.results import AnswerCheck, Status, Subject
-from gse.verdict.compared_axis import ComparedSession
+from gse.verdict.compared_rows import ComparedSession
 
 
 def rows(mask):

@@ -21,8 +21,15 @@ from gse.values.axis import D_DE
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
 from gse.values.star_influence import attitude_operators
-from gse.verdict.compared_axis import ComparedRow
-from gse.verdict.compared_rows import SideBySide, _more_often, _paired_change, false_answers, good_answers, slow_answers
+from gse.verdict.compared_rows import (
+    ComparedRow,
+    SideBySide,
+    _more_often,
+    _paired_change,
+    false_answers,
+    good_answers,
+    slow_answers,
+)
 from gse.verdict.session_comparison import SessionComparison, _judged, _pairs, _time, session_comparison
 
 night = functools.cache(session)
