@@ -10,11 +10,9 @@ from pathlib import Path
 import pyarrow as pa
 
 from gse.campaign.atlas_table import atlas_schema
-from gse.report.frames_table import frames_schema
-from gse.report.housekeeping_table import housekeeping_schema
+from gse.report.parquet import SCHEMA_VERSION
 from gse.report.sessions_table import sessions_schema
-from gse.report.stars_table import names_schema, stars_schema
-from gse.report.table_columns import SCHEMA_VERSION
+from gse.report.tables import frames_schema, housekeeping_schema, names_schema, stars_schema
 from gse.station.columns import COLUMNS, OWN_COLUMNS, Column
 from gse.station.results import Subject
 

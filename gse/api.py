@@ -20,11 +20,9 @@ from drivers.session_file.reader import session_file
 from gse.config.choice import change_to, station_of, with_identifier
 from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
-from gse.report.frames_table import frames_schema
-from gse.report.parquet import MOST_ROWS, check_size
+from gse.report.parquet import MOST_ROWS, SCHEMA_VERSION, check_size
 from gse.report.sessions_table import SessionTables, session_tables
-from gse.report.stars_table import stars_schema
-from gse.report.table_columns import SCHEMA_VERSION
+from gse.report.tables import frames_schema, stars_schema
 from gse.sessions.kept_results import Judged, judged_session, result_key
 from gse.sessions.replay import replay_session
 from gse.sessions.stepped import SteppedSession

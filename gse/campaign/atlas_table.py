@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gse.campaign.atlas import CELLS, PHASE_BINS, AtlasResiduals, PhaseError, SessionAtlas, session_atlas
 from gse.campaign.star_places import StarOffsets, star_offsets, to_sky
-from gse.report.table_columns import field, schema
+from gse.report.parquet import field, schema
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD
 

@@ -43,8 +43,7 @@ from gse.campaign.storage import (
 )
 from gse.config.station import Station
 from gse.errors import UsageError
-from gse.report.parquet import FOOTER_LIMITS, MOST_BYTES_PER_ROW, MOST_ROWS, check_size, write_parquet
-from gse.report.table_columns import SCHEMA_VERSION
+from gse.report.parquet import FOOTER_LIMITS, MOST_BYTES_PER_ROW, MOST_ROWS, SCHEMA_VERSION, check_size, write_parquet
 
 # The row of a session on its way from a worker: the index is made of rows that no file has to be read for.
 

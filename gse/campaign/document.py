@@ -17,9 +17,8 @@ from gse.campaign.nights import Session, by_night, nightly, sessions_of, with_an
 from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
 from gse.campaign.star_places import SIGMAS
 from gse.campaign.trends import thermal, trends
-from gse.report.paper import LIMIT_DEG, PAPER, PaperRow
 from gse.report.provenance import software_sha256
-from gse.report.summary import table_row
+from gse.report.summary import LIMIT_DEG, PAPER, PaperRow, table_row
 from gse.station.results import Subject, Verdict
 from gse.statistics.decision import DECISION_TEXT, Outcome
 from gse.values.limits import Decision

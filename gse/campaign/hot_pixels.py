@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from drivers.chunk import LinkEvent
-from gse.report.table_columns import field
+from gse.report.parquet import field
 from gse.station.frame_results import FrameResults
 from gse.station.non_stellar import HOT_PIXEL, MAX_HOT
 from gse.station.session_data import SessionData

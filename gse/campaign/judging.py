@@ -49,13 +49,10 @@ from gse.config.choice import StationText
 from gse.errors import GseError
 from gse.process.release_memory import give_back, spare_pandas
 from gse.report import summarise
-from gse.report.frames_table import frames_parts
-from gse.report.housekeeping_table import housekeeping_parts
-from gse.report.parquet import write_parquet
+from gse.report.parquet import field, write_parquet
 from gse.report.provenance import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import failed_session, sessions_table
-from gse.report.stars_table import names_parts, stars_parts
-from gse.report.table_columns import field
+from gse.report.tables import frames_parts, housekeeping_parts, names_parts, stars_parts
 from gse.sessions.replay import replay_session
 from gse.station.setup import keep_one_sky
 from gse.values.camera import Camera

@@ -12,9 +12,7 @@ from gse.campaign.atlas_table import atlas_schema
 from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, HOUSEKEEPING, NAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
 from gse.campaign.storage import protocol_of
 from gse.errors import UsageError
-from gse.report.frames_table import frames_schema
-from gse.report.housekeeping_table import housekeeping_schema
-from gse.report.stars_table import names_schema, stars_schema
+from gse.report.tables import frames_schema, housekeeping_schema, names_schema, stars_schema
 
 REPORTS = "reports"
 _SCHEMAS = {

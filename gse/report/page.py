@@ -18,8 +18,8 @@ from drivers.outside_text import plain_lines
 from gse.config.station import DocumentedTest, Station
 from gse.process.jit import compiled_folder
 from gse.report.metric_table import metric_table
-from gse.report.paper import LIMIT_DEG
 from gse.report.provenance import Provenance, canonical, fingerprint
+from gse.report.summary import LIMIT_DEG
 from gse.report.terminal import further_lines, is_simple, quantity, risk_text
 from gse.station.results import Subject
 from gse.station.session_data import SessionData

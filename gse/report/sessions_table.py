@@ -14,11 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from gse.procedure.as_run import StepRun
-from gse.report.frames_table import frames_table
-from gse.report.housekeeping_table import housekeeping_table
-from gse.report.provenance import ResultKey
-from gse.report.stars_table import names_table, stars_table
-from gse.report.table_columns import (
+from gse.report.parquet import (
     COUNT,
     FLAG,
     NUMBER,
@@ -32,6 +28,8 @@ from gse.report.table_columns import (
     records,
     schema,
 )
+from gse.report.provenance import ResultKey
+from gse.report.tables import frames_table, housekeeping_table, names_table, stars_table
 from gse.station.columns import ANSWER_CHECKS, COLUMNS, STATUSES
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData

@@ -9,8 +9,7 @@ from typing import Any
 import jinja2
 
 from gse.report.conclusion import headline
-from gse.report.paper import LIMIT_DEG, PAPER, PaperRow, this_sensor
-from gse.report.summary import plain, table_row
+from gse.report.summary import LIMIT_DEG, PAPER, PaperRow, plain, table_row, this_sensor
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.values import instant

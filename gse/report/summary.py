@@ -1,9 +1,13 @@
-"""The report as one JSON object: report.json, schema gse.report/1."""
+"""The report as one JSON object: report.json, schema gse.report/1.
+
+[S]: Saifudin & Triharjanto, the neighbour technique of the LAPAN star sensor; its section 4 has table 4-1.
+"""
 
 import dataclasses
 import hashlib
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
@@ -13,7 +17,6 @@ from numpy.typing import NDArray
 from gse.diagnosis.set_up_mistake import mount_fit
 from gse.procedure.as_run import StepRun, spread_of, station_of
 from gse.report.conclusion import conclusion
-from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, PaperRow, this_sensor
 from gse.station.housekeeping import firmware_text, parameter_differences, parameters_of, parameters_sha256
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
@@ -24,6 +27,7 @@ from gse.statistics.metrics import metrics
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import SkyStretch, sky_summary
 from gse.statistics.stated import errors_by_quality, stated_accuracy
+from gse.statistics.subject_statistics import SubjectStatistics
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values import instant
 from gse.values.axis import OF_SENSOR, ON_SKY
@@ -345,6 +349,39 @@ def _timing(stats: Statistics) -> dict[str, Any]:
 def _budget(budget: TruthUncertaintyBudget) -> dict[str, Any]:
     """``ra_arcsec`` and ``de_arcsec`` are expanded uncertainties (95 %)."""
     return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "axes": budget.axes, "terms": budget.terms}
+
+
+# Table 4-1 of [S]: what the sensors of LAPAN-A2 and LAPAN-ORARI reached, and its layout for the sensor under test.
+
+ARCMIN_PER_DEG = 60.0
+LIMIT_DEG = 1 / 60
+"""The greatest error that [S] allows: 1 arcmin."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRow:
+    """One sensor: mean |dRA| (not times cos DE) and mean |dDE| in degrees, and its processing time as text."""
+
+    name: str
+    d_ra_deg: float
+    d_de_deg: float
+    time: str
+
+
+PAPER = (
+    PaperRow("Star Sensor 1 of the paper", 0.006676, 0.009221, "< 200 ms"),
+    PaperRow("Star Sensor 2 of the paper", 0.003552, 0.00866, "< 200 ms"),
+    PaperRow("Star Sensor 3 of the paper", 0.005, 0.005, "< 200 ms"),
+    PaperRow("mean of the paper", 0.005076, 0.007627, ""),
+)
+
+
+def this_sensor(name: str, figures: SubjectStatistics) -> PaperRow:
+    """The row of the sensor under test; its time is the 99th percentile, of this host where none is stated."""
+    p99_ms = figures.time_ms.p99
+    where = "" if figures.time_is_stated else " (this host)"
+    time = "not recorded" if math.isnan(p99_ms) else f"{p99_ms:.3g} ms{where}"
+    return PaperRow(name, figures.mean_abs_d_ra_deg, figures.mean_abs_d_de_deg, time)
 
 
 def table_4_1(sessions: Iterable[tuple[str, Statistics]]) -> dict[str, Any]:

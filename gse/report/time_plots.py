@@ -10,8 +10,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, PercentFormatter
 from numpy.typing import NDArray
 
-from gse.report.paper import LIMIT_DEG
 from gse.report.plot_data import PlotData, angle_unit, close_edge_of, edge_of, extremes, sample
+from gse.report.summary import LIMIT_DEG
 from gse.report.svg import set_margins
 from gse.station.columns import SKY_CONDITIONS
 from gse.station.events import LINK_WORDS, StationKind

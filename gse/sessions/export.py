@@ -17,9 +17,8 @@ from drivers.host_files import new_file
 from drivers.outside_text import table_cell
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage, RecordedMessage
-from gse.report.parquet import write_parquet
+from gse.report.parquet import SCHEMA_VERSION, write_parquet
 from gse.report.sessions_table import SessionTables
-from gse.report.table_columns import SCHEMA_VERSION
 from gse.sessions.panoramas import open_recording
 from gse.sessions.replay import ReplayOptions
 from gse.station.results import Subject

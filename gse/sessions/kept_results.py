@@ -47,11 +47,10 @@ from gse.external.identifier import ExternalCounts
 from gse.process.installation import own_cache_folder
 from gse.process.release_memory import give_back
 from gse.recording.session_format import read_attachments
-from gse.report.frames_table import frames_parts, frames_schema
 from gse.report.parquet import ROWS_AT_ONCE, ParquetColumns, read_parquet, write_parquet
 from gse.report.provenance import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import sessions_table
-from gse.report.stars_table import stars_parts, stars_schema
+from gse.report.tables import frames_parts, frames_schema, stars_parts, stars_schema
 from gse.sessions.replay import Replay, StationInForce, names_program, station_in_force
 from gse.sessions.status_file import is_running, read_status
 from gse.station.columns import COLUMNS, Column

@@ -15,10 +15,9 @@ import pytest
 import gse
 from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
-from gse.report.frames_table import frames_schema
 from gse.report.parquet import write_parquet
 from gse.report.sessions_table import sessions_schema
-from gse.report.stars_table import stars_schema
+from gse.report.tables import frames_schema, stars_schema
 
 ROOT = Path(__file__).parents[2]
 STATION = ROOT / "replays/night-sky/rooftop-alt60-azi45.yaml"

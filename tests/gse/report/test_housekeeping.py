@@ -12,11 +12,11 @@ from skies.synthetic_night import synthetic_night
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
-from gse.report.housekeeping_table import housekeeping_table
 from gse.report.page import report_html
 from gse.report.parquet import write_parquet
 from gse.report.provenance import provenance
 from gse.report.summary import summarise
+from gse.report.tables import housekeeping_table
 from gse.sessions.kept_results import KeptContext
 from gse.station.housekeeping import ITEM, Housekeeping, parameter_differences
 from gse.station.session_data import SessionData

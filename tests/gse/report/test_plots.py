@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
-from gse.report.distribution_plots import power_density
 from gse.report.plot_data import PlotData, close_edge_of, edge_of, extremes, sample
-from gse.report.sky_plots import draw_sky
+from gse.report.session_plots import draw_sky, power_density
 from gse.report.svg import WIDTH_IN, svg_of
 from gse.report.time_plots import draw_errors, line
 from gse.station.columns import FRAME

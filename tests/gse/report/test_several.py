@@ -6,8 +6,8 @@ from statistics import fmean
 import pytest
 from skies.known_nights import session as made_session
 
-from gse.report.paper import PAPER
 from gse.report.several import sessions_html, sessions_report
+from gse.report.summary import PAPER
 from gse.verdict.assessment import judge
 
 

@@ -12,12 +12,10 @@ import pytest
 from skies.own_answers import with_answers
 from skies.synthetic_night import small_catalog, synthetic_night
 
-from gse.report.frames_table import frames_parts, frames_schema
-from gse.report.parquet import write_parquet
+from gse.report.parquet import joined, write_parquet
 from gse.report.provenance import ResultKey
 from gse.report.sessions_table import failed_session, night_of, session_tables, sessions_schema
-from gse.report.stars_table import stars_parts, stars_schema
-from gse.report.table_columns import joined
+from gse.report.tables import frames_parts, frames_schema, stars_parts, stars_schema
 from gse.station.columns import COLUMNS
 from gse.station.own_answers import sensor_answers
 from gse.station.results import Subject

@@ -10,8 +10,7 @@ from mcap.reader import make_reader
 
 from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
-from gse.report.frames_table import frames_schema
-from gse.report.stars_table import stars_schema
+from gse.report.tables import frames_schema, stars_schema
 
 GOLDEN = Path(__file__).parents[3] / "replays" / "golden"
 

@@ -17,7 +17,7 @@ from gse.campaign.engine import plan_campaign
 from gse.campaign.judging import judge_source
 from gse.campaign.sources import find_sources
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.report.stars_table import names_schema
+from gse.report.tables import names_schema
 from gse.station.loop import StationLoop
 from gse.station.setup import set_up
 from gse.station.star_names import named_stars
