@@ -19,7 +19,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.values.matrices import inv, log_det, lstsq, pinv, product, solve
+from gse.values.matrices import inv, log_det, lstsq, pinv, product, solve, weighted_sums
 
 PENALTY = 5.0
 _TIMES = np.geomspace(0.3, 600.0, 16)
@@ -99,7 +99,7 @@ def by_its_noise(without: NDArray[np.float64], left: NDArray[np.float64]) -> flo
     The prior is spread over all shapes of slow noise, and the right one pays for that. Slow noise that is left with the
     cause is in the session anyway: without the cause its shape is believed as much. White noise gains nothing.
     """
-    _, _, _, prior = _shapes(len(left))
+    _, _, _, _, prior = _shapes(len(left))
     with_cause = prior[:, None] + _of_shapes(left)[0]
     believed = np.maximum(prior[:, None], with_cause - _log_sum(with_cause))
     likelihood = _of_shapes(without)[0]
@@ -147,8 +147,8 @@ def _state(observed: Observed, columns: Predictions, coefficients: NDArray[np.fl
     covariance = np.diag(mean_variance) + observed.lasting
     freedom = len(observed.cosines)
     inverse = inv(covariance)
-    square = float(product(left, inverse, left))
-    log += -log_det(covariance) - (freedom + 3) * math.log1p(square / freedom)
+    square_of_mean = float(product(left, inverse, left))
+    log += -log_det(covariance) - (freedom + 3) * math.log1p(square_of_mean / freedom)
     of_field = 0.0
     if observed.freedom:
         at = product(columns.field, coefficients)
@@ -156,8 +156,7 @@ def _state(observed: Observed, columns: Predictions, coefficients: NDArray[np.fl
         count = observed.freedom + len(observed.right)
         log -= count * math.log1p(square / observed.freedom)
         of_field = count / (observed.freedom + square)
-    of_mean = np.asarray(inverse * ((freedom + 3) / (freedom + float(product(left, inverse, left)))), dtype=np.float64)
-    return _State(precision, of_mean, of_field, log)
+    return _State(precision, inverse * ((freedom + 3) / (freedom + square_of_mean)), of_field, log)
 
 
 def _field_square(observed: Observed, at: NDArray[np.float64]) -> float:
@@ -196,19 +195,19 @@ def _equations(
 
 def _spectra(left: NDArray[np.float64], frames: int) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Expected inverse variances (K, 3) of the ordinates, variances (3,) of the mean, twice the log likelihood."""
-    first, inverse, _, prior = _shapes(len(left))
+    first, inverse, _, _, prior = _shapes(len(left))
     log_likelihood, sums = _of_shapes(left)
     log = _log_sum(prior[:, None] + log_likelihood)
     weight = np.exp(prior[:, None] + log_likelihood - log)
-    precision = product(inverse.T, weight * len(left) / sums)
+    precision = weighted_sums(inverse, weight * len(left) / sums)
     mean_variance = (weight * sums / len(left) * first).sum(axis=0) / frames
     return precision, mean_variance, 2 * float(log.sum())
 
 
 def _of_shapes(left: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Log likelihood (G, 3) of ordinates (K, 3) under each shape, its scale left open, and the sums (G, 3) in it."""
-    _, inverse, log_spectra, _ = _shapes(len(left))
-    sums = product(inverse, left**2 + 1e-9 * left.var(axis=0) + 1e-12)
+    _, _, by_place, log_spectra, _ = _shapes(len(left))
+    sums = weighted_sums(by_place, left**2 + 1e-9 * left.var(axis=0) + 1e-12)
     return -0.5 * log_spectra[:, None] - 0.5 * len(left) * np.log(sums), sums
 
 
@@ -220,13 +219,15 @@ def _log_sum(logs: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=8)
 def _shapes(ordinates: int) -> tuple[NDArray[np.float64], ...]:
-    """Spectra at zero (G, 1), inverses of the others (G, K), the sums (G,) of their logarithms, the log prior (G,)."""
+    """Spectra at zero (G, 1), inverses of the others (G, K) and (K, G), sums (G,) of their logs, the log prior (G,)."""
     places = np.arange(ordinates + 1)
     correlated = [1 + much * exponential_spectrum(time, places) for time in _TIMES for much in _STRENGTHS]
     spectra = np.vstack([np.ones(ordinates + 1), np.array(correlated)])
     prior = np.full(len(spectra), (1 - _WHITE_PRIOR) / len(correlated))
     prior[0] = _WHITE_PRIOR
-    return spectra[:, :1], 1 / spectra[:, 1:], np.log(spectra[:, 1:]).sum(axis=1), np.log(prior)
+    inverse = 1 / spectra[:, 1:]
+    by_place = np.ascontiguousarray(inverse.T)
+    return spectra[:, :1], inverse, by_place, np.log(spectra[:, 1:]).sum(axis=1), np.log(prior)
 
 
 def exponential_spectrum(time: float, places: NDArray[np.int64]) -> NDArray[np.float64]:

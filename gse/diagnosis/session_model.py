@@ -21,7 +21,7 @@ from gse.truth import horizon_to_sensor
 from gse.values.axis import D_ROLL, OF_SENSOR
 from gse.values.camera import Camera
 from gse.values.constants import ARCSEC_PER_RAD
-from gse.values.matrices import cholesky, inv, pinv, product
+from gse.values.matrices import cholesky, inv, pinv, product, weighted_sums
 from gse.values.mount import Mount
 from gse.values.site import Site
 from gse.values.star_influence import FrameFits, boresight_shifts
@@ -67,12 +67,12 @@ class ErrorSeries:
         """The lowest ordinates (K, ...) of columns (M, ...), without the mean; white noise keeps its variance."""
         edges, basis = _basis(len(self.time_s), self.ordinates)
         sums = np.add.reduceat(columns, edges)
-        return np.asarray(math.sqrt(2 / len(self.time_s)) * np.einsum("km,m...->k...", basis, sums))
+        return np.asarray(math.sqrt(2 / len(self.time_s)) * weighted_sums(basis, sums))
 
     def against_cosines(self, ordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weights (M, ...) of a sum over the series that is the sum of ordinates (K, ...) times its cosines."""
         edges, basis = _basis(len(self.time_s), self.ordinates)
-        blocks = math.sqrt(2 / len(self.time_s)) * np.einsum("km,k...->m...", basis, ordinates)
+        blocks = math.sqrt(2 / len(self.time_s)) * weighted_sums(basis.T, ordinates)
         return np.asarray(np.repeat(blocks, np.diff(edges, append=len(self.time_s)), axis=0))
 
 
@@ -143,10 +143,11 @@ def _across_then_about(
 
 @functools.lru_cache(maxsize=4)
 def _basis(n: int, ordinates: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """First rows (B,) of blocks, and cosines (K, B) at their middles."""
+    """First rows (B,) of blocks, and cosines (B, K) at their middles."""
     edges = np.linspace(0, n, min(n, _BLOCKS) + 1).astype(np.int64)
     middle = (edges[:-1] + edges[1:]) / (2 * n)
-    return edges[:-1], np.cos(math.pi * np.arange(1, ordinates + 1)[:, None] * middle)
+    basis = np.cos(math.pi * np.arange(1, ordinates + 1)[:, None] * middle)
+    return edges[:-1], np.ascontiguousarray(basis.T)
 
 
 FLOOR_ARCSEC = np.array([0.3, 0.3, 1.0])

@@ -32,6 +32,14 @@ def test_equations_are_solved_as_by_lapack(size: int, seed: int) -> None:
 
 
 @given(SIZES, SEEDS)
+def test_weighted_sums_are_products_to_the_last_digit(size: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    weights, rows = random.normal(size=(7, size)), random.normal(size=(7, size + 1))
+    assert np.array_equal(matrices.weighted_sums(weights, rows), matrices.product(weights.T, rows))
+    assert matrices.weighted_sums(weights, rows.reshape(7, 1, -1)).shape == (size, 1, size + 1)
+
+
+@given(SIZES, SEEDS)
 def test_symmetric_matrices_are_taken_apart_as_by_lapack(size: int, seed: int) -> None:
     rows = np.random.default_rng(seed).normal(size=(3, size + 2, size))
     positive = rows.transpose(0, 2, 1) @ rows + np.eye(size)
