@@ -272,6 +272,29 @@ def _frame_processor_of(setup: Setup, mount: Mount | None, search: ThinnedSearch
     )
 
 
+def _reception_of(setup: Setup, anchor_utc_ns: int | None, time: TimeDescription) -> Reception:
+    sensor, port = setup.station.sensor, setup.station.port
+    return Reception(
+        setup.protocol,
+        baudrate=port.baudrate,
+        bits_per_byte=port.line.bits_per_byte,
+        anchor_utc_ns=anchor_utc_ns,
+        asks=(sensor.start or sensor.poll) is not None,
+        timeout_ns=round(sensor.poll.timeout_ms * 1e6) if sensor.poll else None,
+        time=time,
+    )
+
+
+def _monitor_of(setup: Setup, *, is_stamped: bool) -> LinkMonitor:
+    """A capture without stamps says nothing of how fast its bytes came."""
+    port = setup.station.port
+    return LinkMonitor(
+        port.baudrate,
+        explain=lambda sample: what_fits(sample, setup.protocol, port.baudrate),
+        bytes_per_s=port.baudrate / port.line.bits_per_byte if has_baud_rate(port.url) and is_stamped else None,
+    )
+
+
 class StationLoop:
     """Turns chunks of a link into a SessionData; listeners get each result and event.
 
@@ -292,16 +315,7 @@ class StationLoop:
         station = setup.station
         self.setup = setup
         self.session = _session_of(setup)
-        poll = station.sensor.poll
-        self.reception = Reception(
-            setup.protocol,
-            baudrate=station.port.baudrate,
-            bits_per_byte=station.port.line.bits_per_byte,
-            anchor_utc_ns=anchor_utc_ns,
-            asks=(station.sensor.start or poll) is not None,
-            timeout_ns=round(poll.timeout_ms * 1e6) if poll else None,
-            time=self.session.time,
-        )
+        self.reception = _reception_of(setup, anchor_utc_ns, self.session.time)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
         site = None if station.subject else station.site
@@ -329,15 +343,7 @@ class StationLoop:
         self._frame_processor = _frame_processor_of(setup, mount, search)
         self._lists_stars = "STARS" in setup.protocol.types
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude, station.sensor.camera())
-        port = station.port
-        self._monitor = LinkMonitor(
-            port.baudrate,
-            explain=lambda sample: what_fits(sample, setup.protocol, port.baudrate),
-            # A capture without stamps says nothing of how fast its bytes came.
-            bytes_per_s=port.baudrate / port.line.bits_per_byte
-            if has_baud_rate(port.url) and anchor_utc_ns is None
-            else None,
-        )
+        self._monitor = _monitor_of(setup, is_stamped=anchor_utc_ns is None)
         self._truth_sought = False
         self._event_log = EventLog()
         stated_mag = station.sensor.zero_point_mag
