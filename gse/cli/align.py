@@ -21,8 +21,7 @@ from gse.statistics.uncertainty import TO_STANDARD
 from gse.truth import Alignment, horizon_to_sensor
 from gse.values.attitude import Attitude
 from gse.values.mount import Mount
-from gse.values.screen import Screen
-from gse.values.shown import ShownSky
+from gse.values.screen import Screen, ShownSky
 
 if TYPE_CHECKING:
     from gse.imaging.screen_fit import ScreenFit

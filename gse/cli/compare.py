@@ -15,7 +15,7 @@ from gse.cli.files import damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, newest_sessions, say, start_utc_option
 from gse.config.choice import StationText, change_to
 from gse.errors import UsageError
-from gse.sessions.expected_attitudes import ExpectedAttitudes
+from gse.sessions.expected_answers import ExpectedAttitudes
 from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import statistics
 from gse.verdict.compared_rows import ComparedRow

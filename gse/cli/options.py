@@ -15,7 +15,7 @@ from gse.values import instant
 
 if TYPE_CHECKING:
     from gse.station.exclusions import Exclusion
-    from gse.truth.iers_tables import GivenTables
+    from gse.truth.orientation import GivenTables
 
 
 # Durations on the command line: 90, 90s, 5m, 1h30m.
@@ -261,7 +261,7 @@ def _clock_error_s(text: str | None) -> float | None:
 
 
 def _earth_orientation(texts: tuple[str, ...]) -> "GivenTables | None":
-    from gse.truth.iers_tables import read_given
+    from gse.truth.orientation import read_given
 
     return read_given([Path(part) for text in texts for part in text.split(",") if part])
 

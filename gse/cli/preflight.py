@@ -11,7 +11,7 @@ from gse.cli.options import at_option, earth_orientation_option, out_option, sta
 from gse.config.choice import station_of
 from gse.errors import ConfigError
 from gse.inspection.plausibility import Check, CheckOutcome
-from gse.truth.iers_tables import GivenTables
+from gse.truth.orientation import GivenTables
 
 
 @click.command("preflight")

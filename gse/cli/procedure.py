@@ -17,7 +17,7 @@ from gse.procedure.desk import Desk, read_answers, terminal_of_operator
 from gse.procedure.engine import Run
 from gse.procedure.file import Procedure, check, duration_s, read_procedure, runs_of
 from gse.station.setup import addressed
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from gse.values.text import count_text
 from protocols import Protocol, load_protocol
 

@@ -37,7 +37,7 @@ from gse.errors import UsageError
 from gse.process.terminal import working
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict
-from gse.truth.iers_tables import GivenTables
+from gse.truth.orientation import GivenTables
 
 if TYPE_CHECKING:
     from gse.sessions.kept_results import Judged

@@ -57,10 +57,10 @@ from gse.station.events import Notes, StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.polling import check_asking
 from gse.station.setup import addressed
-from gse.truth.iers_tables import GivenTables
+from gse.truth.orientation import GivenTables
 from gse.values import instant
 from gse.values.instant import NS_PER_S
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from gse.view.live_state import LiveState
 from protocols import load_protocol
 from protocols.errors import ProtocolError

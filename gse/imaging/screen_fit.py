@@ -30,8 +30,7 @@ from gse.values.instant import NS_PER_S
 from gse.values.matrices import pinv, product
 from gse.values.mount import InertialUncertainty
 from gse.values.panorama import Panorama
-from gse.values.screen import Screen, ScreenToSensor, ScreenUncertainty
-from gse.values.shown import ShownSky
+from gse.values.screen import Screen, ScreenToSensor, ScreenUncertainty, ShownSky
 
 _FEWEST_STARS = 30
 """Rows of fewer stars than this tell no distortion from a tilt."""

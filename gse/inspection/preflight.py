@@ -30,7 +30,7 @@ from gse.station.polling import check_asking
 from gse.station.setup import ORION_RA_DE_DEG, addressed, example_places, sensor_description
 from gse.statistics.clock_health import CLOCK_REMEDY
 from gse.truth import EarthOrientation
-from gse.truth.iers_tables import GivenTables
+from gse.truth.orientation import GivenTables
 from gse.values import instant
 from gse.values.attitude import Attitude
 from gse.values.axis import ON_SKY

@@ -14,7 +14,7 @@ from drivers.session_file.reader import read_capture
 from drivers.session_file.records import CLOCK, Attachment, Damage, RecordedMessage
 from gse.values.instant import LAST_NS
 from gse.values.power import PowerReading
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 
 # Kinds of events of the recorder.
 

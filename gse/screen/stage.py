@@ -24,8 +24,7 @@ from gse.simulator.scene import added_objects, false_magnitudes, false_places, s
 from gse.station.events import StationKind
 from gse.values.attitude_convention import from_angles
 from gse.values.instant import NS_PER_S
-from gse.values.screen import Screen
-from gse.values.shown import Shown
+from gse.values.screen import Screen, Shown
 
 AHEAD_NS = 500_000_000
 """A change is planned so long before it: the loop looks five times a second, and a page on this machine needs less."""

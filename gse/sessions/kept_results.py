@@ -63,7 +63,7 @@ from gse.station.star_names import STAR_NAME, StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.values.matrices import solve
 from gse.values.power import PowerReading
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from gse.verdict.assessment import Assessment, judge
 from protocols import Item, StatusMessage, built_in_names
 from protocols.description import TimeDescription

@@ -58,10 +58,10 @@ from gse.station.session_data import SessionData
 from gse.station.setup import addressed, check_external, set_up
 from gse.statistics.decision import Outcome
 from gse.truth import EarthOrientation
-from gse.truth.iers_tables import GivenTables
+from gse.truth.orientation import GivenTables
 from gse.values import instant
 from gse.values.power import PowerReading
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from gse.view.live_state import LiveState
 from protocols import EncodeError, Protocol, load_protocol
 

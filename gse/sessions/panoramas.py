@@ -18,7 +18,7 @@ from gse.station.reception import Reception
 from gse.station.setup import addressed
 from gse.truth import EarthOrientation
 from gse.values.panorama import Panorama
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from protocols import Protocol, load_protocol, parse_protocol
 
 RECEIVE_TIMEOUT_S = 0.2

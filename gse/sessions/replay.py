@@ -36,7 +36,7 @@ from gse.station.loop import Listener, StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import no_words, set_up
 from gse.truth import EarthOrientation
-from gse.truth.iers_tables import GivenTables
+from gse.truth.orientation import GivenTables
 from gse.values import instant
 from protocols import Frame, FrameDecoder, built_in_names, load_protocol
 

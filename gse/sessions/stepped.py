@@ -28,7 +28,7 @@ from gse.report.files import write_report
 from gse.sessions.live import Ending, LiveSession, Operator, run_live
 from gse.station.results import Verdict
 from gse.station.setup import addressed
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from gse.verdict.assessment import Assessment, judge
 from protocols import load_protocol
 

@@ -13,7 +13,7 @@ from drivers.host_files import only_a_file
 from gse.config.station import BUILT_IN_TEXT, Station
 from gse.errors import ConfigError, UsageError
 from gse.values.instant import NS_PER_S, from_text
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from protocols.yaml_text import load_document, yaml_problem
 
 MAX_FILE_BYTES = 100_000

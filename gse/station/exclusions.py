@@ -20,7 +20,7 @@ from gse.station.frame_columns import Columns
 from gse.station.host_clock import ClockStretch, clock_steps, clock_stretches, first_rows
 from gse.values.constants import EARTH_RATE_RAD_PER_S
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
-from gse.values.shown import ShownSky
+from gse.values.screen import ShownSky
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""

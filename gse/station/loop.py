@@ -83,11 +83,11 @@ from gse.station.shown_stars import LeftOutStars
 from gse.station.sky_condition import SkyWatch
 from gse.station.thinned_search import ThinnedSearch
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
-from gse.truth.iers_tables import GivenTables
+from gse.truth.orientation import GivenTables
 from gse.values.mount import InertialDirection, Mount
 from gse.values.panorama import Panorama, Panoramas
+from gse.values.screen import ShownSky
 from gse.values.sensor_time import time_of
-from gse.values.shown import ShownSky
 from gse.values.site import Site
 from protocols import Frame, StarsMessage, StatusMessage
 from protocols.description import TimeDescription

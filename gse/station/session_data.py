@@ -18,7 +18,7 @@ from gse.station.star_names import StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS
 from gse.values.power import PowerReading
-from gse.values.shown import ShownSky
+from gse.values.screen import ShownSky
 from protocols import StatusMessage
 from protocols.description import TimeDescription
 

@@ -17,8 +17,7 @@ from gse.values.attitude import Attitude
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
 from gse.values.matrices import eigh, length, product
 from gse.values.mount import InertialDirection, InertialUncertainty, Mount
-from gse.values.screen import Screen
-from gse.values.shown import ShownSky
+from gse.values.screen import Screen, ShownSky
 from gse.values.site import Site, SiteUncertainty
 from protocols.description import TimeDescription
 

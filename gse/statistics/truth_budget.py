@@ -43,8 +43,7 @@ from gse.truth import Alignment, EarthOrientation
 from gse.values.attitude_convention import AnswerRotation
 from gse.values.axis import AXES, D_DE, D_RA_COSDE, Axis
 from gse.values.mount import Mount
-from gse.values.screen import Screen
-from gse.values.shown import ShownSky
+from gse.values.screen import Screen, ShownSky
 from gse.values.site import Site
 from protocols.description import DelayDescription, TimeDescription
 

@@ -14,7 +14,7 @@ from gse.truth.sidereal import SiderealTruth
 from gse.values.attitude_convention import from_angles
 from gse.values.instant import NS_PER_S
 from gse.values.mount import InertialDirection, Mount
-from gse.values.shown import ShownSky
+from gse.values.screen import ShownSky
 from gse.values.site import Site
 
 

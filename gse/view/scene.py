@@ -31,7 +31,15 @@ from gse.view.live_state import (
     VERDICT_COLOURS,
     SessionSoFar,
 )
-from gse.view.picture import DetectorPicture
+from gse.view.pictures import (
+    TRACK_ROW_NS,
+    DetectorPicture,
+    begin_scatter,
+    begin_sky,
+    send_scatter,
+    send_sky,
+    unit_vectors,
+)
 from gse.view.recent import EventLines, NextPiece, Recent
 from gse.view.series import (
     MEAN_S,
@@ -47,7 +55,6 @@ from gse.view.series import (
     send_series,
     times,
 )
-from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 from protocols import Item
 
 _GOOD_EVENTS = {

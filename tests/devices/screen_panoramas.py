@@ -10,7 +10,7 @@ from gse.simulator.scenario import Scenario, load_scenario
 from gse.station.setup import set_up
 from gse.values.instant import NS_PER_S
 from gse.values.panorama import Panorama
-from gse.values.shown import ShownSky
+from gse.values.screen import ShownSky
 
 
 def fitted(station: Station, text: str, device: dict[str, object], seed: int, rate_hz: float = 2.0) -> ScreenFit:

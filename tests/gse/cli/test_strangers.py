@@ -29,7 +29,7 @@ from gse.report.verification import read_page
 from gse.sessions.expected_answers import read_answers
 from gse.sessions.status_file import is_unfinished
 from gse.simulator.scenario import load_scenario
-from gse.truth.iers_tables import read_given
+from gse.truth.orientation import read_given
 from protocols import load_protocol
 from protocols.errors import DescriptionError
 

@@ -16,7 +16,7 @@ from gse.screen.stage import Stage
 from gse.simulator.scenario import parse_scenario
 from gse.values.attitude import Attitude
 from gse.values.instant import to_julian_year
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 from gse.view.server import ViewServer
 
 SCENE = """\

@@ -11,7 +11,7 @@ from drivers.clock import read_clock
 from gse.screen.stage import AHEAD_NS, UNKNOWN_MS, PageReport, Stage, sky_document
 from gse.simulator.scenario import parse_scenario
 from gse.values.instant import NS_PER_S
-from gse.values.shown import Shown
+from gse.values.screen import Shown
 
 SCENE = """\
 text: two attitudes

@@ -11,7 +11,7 @@ from skies.one_by_one import Made, result_of
 
 from gse.external.answers import parse_answer
 from gse.external.identifier import Given
-from gse.sessions.expected_attitudes import ExpectedAttitudes
+from gse.sessions.expected_answers import ExpectedAttitudes
 from gse.sessions.replay import replay_session
 from gse.station.own_answers import measured_rotations, paired
 from gse.station.results import Status, Subject

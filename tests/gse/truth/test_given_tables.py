@@ -11,7 +11,7 @@ from astropy.utils import iers
 
 from gse.errors import TruthError
 from gse.truth import EarthOrientation
-from gse.truth.iers_tables import installed_leap_seconds, installed_rows, read_given
+from gse.truth.orientation import installed_leap_seconds, installed_rows, read_given
 from gse.values.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
 
 SPRING_NS, LATE_NS = from_text("2026-03-20T18:30:00Z"), from_text("2030-03-20T18:30:00Z")

@@ -7,7 +7,7 @@ import astropy_iers_data
 import pytest
 
 from gse.errors import TruthError
-from gse.truth.iers_tables import (
+from gse.truth.orientation import (
     LeapSeconds,
     _c04_row,
     installed_last_mjd,

@@ -10,7 +10,7 @@ import pytest
 
 from gse.errors import TruthError
 from gse.truth import EarthOrientation
-from gse.truth.iers_tables import GivenTables, LeapSeconds, installed_last_mjd, installed_leap_seconds
+from gse.truth.orientation import GivenTables, LeapSeconds, installed_last_mjd, installed_leap_seconds
 from gse.values.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
 
 ARCSEC = math.pi / 180 / 3600

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gse.values.attitude import Attitude
 from gse.values.instant import NS_PER_S
-from gse.values.screen import Screen, ScreenToSensor
-from gse.values.shown import Shown, ShownSky, turned_by
+from gse.values.screen import Screen, ScreenToSensor, Shown, ShownSky, turned_by
 
 rate = st.floats(-5, 5)
 
