@@ -73,7 +73,7 @@ def test_a_terminal_of_eighty_columns_gets_ten_lines_at_most_with_the_commands_i
         assert any("gse plan sessions/20260320T150000Z-LAPAN-like" in line for line in lines)
 
 
-@pytest.mark.parametrize("name", ["golden/clear", "golden/faults", "golden/own-answers", "lowell/002"])
+@pytest.mark.parametrize("name", ["golden/clear", "golden/faults", "golden/own-answers", "golden/cloudy"])
 def test_the_page_of_a_session_says_it_above_its_first_table(name) -> None:
     session = replay_session(REPLAYS / f"{name}.mcap").session
     assessment = judge(session)

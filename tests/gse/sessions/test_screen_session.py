@@ -177,6 +177,10 @@ scene:
 """
 
 
+SLOW = STILL.replace("rate_hz: 5", "rate_hz: 1")
+"""Of a mirrored image each frame is searched in vain."""
+
+
 def rehearsed(folder, station, device, scene=None):
     """The session before a screen that differs from the stated one, and its exit code; of the scene screen-fit."""
     fit = (files("gse.simulator") / "scenarios" / "screen-fit.yaml").read_text() + "rate_hz: 5\n"
@@ -240,7 +244,7 @@ def test_a_fitted_screen_is_written_and_the_next_session_is_judged_relative_to_i
 
 def test_a_mirrored_monitor_is_named_in_words_and_instead_of_a_fit(tmp_path):
     (tmp_path / "lab.yaml").write_text(STATION)
-    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", "{sensor: {mirrored: true}}", STILL)
+    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", "{sensor: {mirrored: true}}", SLOW)
     assert code != 0
     (found,) = json.loads((session / "report.json").read_text())["diagnosis"]
     assert found["cause"] == "mirrored image"
