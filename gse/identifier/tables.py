@@ -223,12 +223,11 @@ def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:
         )
     brighter, dimmer = tree.query_pairs(reach, output_type="ndarray").T
     urad = np.rint(MICRORADIANS * angles_rad(catalog.icrs[brighter], catalog.icrs[dimmer])).astype(np.int64)
-    by_distance = _in_order(urad, brighter, dimmer)
-    urad, brighter, dimmer = by_distance
+    urad, brighter, dimmer = _in_order(urad, brighter, dimmer)
     star, neighbour = np.concatenate([brighter, dimmer]), np.concatenate([dimmer, brighter])
     star, neighbour_urad, neighbour = _in_order(star, np.tile(urad, 2), neighbour)
     first = np.searchsorted(star, np.arange(len(catalog) + 1))
-    return PairTable(*by_distance, first, neighbour, neighbour_urad)
+    return PairTable(urad, brighter, dimmer, first, neighbour, neighbour_urad)
 
 
 _FIRST_BIT, _SECOND_BIT = 42, 20
@@ -236,14 +235,13 @@ _FIRST_BIT, _SECOND_BIT = 42, 20
 where a mission catalogue has 100,000 at most."""
 
 
-def _in_order(*columns: NDArray[np.integer]) -> tuple[NDArray[np.int32], ...]:
-    """Three columns (N,) by the first, then the second, then the third: ten times as fast as np.lexsort."""
+def _in_order(*columns: NDArray[np.integer]) -> Any:
+    """Three columns (3, N) by the first, then the second, then the third: ten times as fast as np.lexsort."""
     first, second, third = (column.astype(np.uint64) for column in columns)
     packed = first << _FIRST_BIT | second << _SECOND_BIT | third
     packed.sort()
     middle, last = 2 ** (_FIRST_BIT - _SECOND_BIT) - 1, 2**_SECOND_BIT - 1
-    parts = packed >> _FIRST_BIT, packed >> _SECOND_BIT & middle, packed & last
-    return tuple(part.astype(np.int32) for part in parts)
+    return np.array([packed >> _FIRST_BIT, packed >> _SECOND_BIT & middle, packed & last], dtype=np.int32)
 
 
 def _fits(table: PairTable, stars: int) -> bool:
