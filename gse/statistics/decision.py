@@ -37,6 +37,8 @@ PROBABILITY = 0.9
 """Probability of a PASS that a plan is made for, if the sensor performs as expected."""
 MOST_LENGTHS = 400.0
 """Longest session that is looked at, in what was seen: a night for a minute."""
+MOST_OF_EVENTS = 20.0
+"""The same where a share rests on events that were seen: their number tells nothing of so many nights more."""
 
 _ONE_SIDED = 0.95
 _LENGTHS = np.geomspace(1.0, MOST_LENGTHS, 120)
@@ -401,13 +403,16 @@ def share_times(share: Share, limit: float, *, at_least: bool) -> float:
     The true share of what is wrong is drawn from Clopper and Pearson's distribution of it: for a PASS from the upper
     one, for a FAIL from the lower; the share of what is still to come is drawn from that. No prior is neutral to a few
     events, and these two take the true share as near to the limit as the session allows. What never happened, or always
-    did, is taken to go on so. 0 where the share is decided; infinite where no length of up to MOST_LENGTHS decides.
+    did, is taken to go on so. 0 where the share is decided; infinite where no length of up to MOST_OF_EVENTS decides, or
+    of up to MOST_LENGTHS where there were no events.
     """
     wrong, most = (1 - share.value, 1 - limit) if at_least else (share.value, limit)
     seen, others = share.n_eff * wrong, share.n_eff * (1 - wrong)
     chances, scatter = ndtr(_points()[0]), _points()[1]
     upper, lower = np.full((2, 1), wrong)
+    longest = MOST_LENGTHS
     if seen > 0 and others > 0:
+        longest = MOST_OF_EVENTS
         upper, lower = betaincinv(seen + 1, others, chances), betaincinv(seen, others + 1, chances)
 
     def further(true: NDArray[np.float64], more: float) -> NDArray[np.float64]:
@@ -421,7 +426,7 @@ def share_times(share: Share, limit: float, *, at_least: bool) -> float:
         fails = betainc(seen + new, others + more - new + 1, most) < RISK
         return bool(max(passes.mean(), fails.mean()) >= DECIDED)
 
-    return _first(is_decided) - 1 if is_decided(MOST_LENGTHS) else math.inf
+    return _first(is_decided, longest) - 1 if is_decided(longest) else math.inf
 
 
 def how_long(share: Share, limit: float, *, at_least: bool, events: str = "") -> str:
@@ -434,8 +439,8 @@ def how_long(share: Share, limit: float, *, at_least: bool, events: str = "") ->
     return f"{events}; {decides}" if events else decides
 
 
-def _first(is_so: Callable[[float], bool]) -> float:
-    low, high = 1.0, MOST_LENGTHS
+def _first(is_so: Callable[[float], bool], longest: float) -> float:
+    low, high = 1.0, longest
     for _ in range(_HALVINGS):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if is_so(middle) else (middle, high)

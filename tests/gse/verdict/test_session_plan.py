@@ -176,7 +176,7 @@ def test_one_frame_without_an_answer_is_told_of_a_second_frame_and_not_of_a_tent
 
 @pytest.mark.parametrize(("frames", "in_outages_of", "least_told"), [(600, 1, 15), (3600, 10, 15), (3600, 30, 15)])
 def test_four_of_five_sessions_are_decided_when_they_go_on_as_long_as_they_were_told(frames, in_outages_of, least_told):
-    """Of sensors that miss 1 to 9 % of the answers, at a limit of 5 %; who is told more than ten sessions goes home."""
+    """Of sensors that miss 1 to 9 % of the answers, at a limit of 5 %; more than ten are not simulated."""
     rng, told, decided = np.random.default_rng(2), 0, 0
     for _ in range(150):
         absent = rng.uniform(0.01, 0.09)
@@ -203,6 +203,17 @@ def test_one_outage_names_no_length_and_says_why():
     assert math.isinf(share_times(share, 0.95, at_least=True))
     words = judge_share(asked, share, at_least=True, events=str(outages)).reason
     assert words.endswith("the limit is 95.00 %: 1 outage of 72 frames, too few events to tell")
+
+
+def test_no_session_of_hundreds_of_nights_is_named():
+    """Three outages in a night of 6,094 frames: a session 241 times as long would be most of a year."""
+    good = np.ones(6094, dtype=bool)
+    good[1000:1090], good[2000:2008], good[3000:3004] = False, False, False
+    share, outages = available_share(good)
+    assert math.isinf(share_times(share, 0.95, at_least=True))
+    asked = Criterion(Subject.ONBOARD, "availability", 0.95, Decision.GUARDED)
+    words = judge_share(asked, share, at_least=True, events=str(outages)).reason
+    assert words.endswith("3 outages of 4 to 90 frames, too few events to tell")
 
 
 def test_outages_that_are_many_enough_say_which_session_decides():
