@@ -22,7 +22,7 @@ from gse.catalog import load_catalog
 from gse.evaluation.frames import Conditions, FrameMaker, Optics
 from gse.evaluation.monte_carlo import of_angles, outcomes
 from gse.evaluation.panoramas import read_set, scores
-from gse.evaluation.paper_sky import PaperSky
+from gse.evaluation.paper_figures import PaperSky
 from gse.evaluation.plan import (
     GAIA_LIMIT,
     PIVOT_PAPER,

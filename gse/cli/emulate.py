@@ -196,8 +196,7 @@ def _play(
     duration_s: float | None,
 ) -> None:
     """Play a recorded session until its end, or for a time."""
-    from gse.sessions.played import played_session
-    from gse.simulator.played_session import play
+    from gse.sessions.played import play, played_session
 
     recording = played_session(path, is_shifted=shift is not None, faults=faults, seed=seed)
     endpoint = open_endpoint(recording.port)

@@ -20,7 +20,7 @@ from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
-    from gse.evaluation.paper_sky import PaperSky
+    from gse.evaluation.paper_figures import PaperSky
     from gse.evaluation.plan import FrameOutcome, OutcomeCounter, Plan
 
 
@@ -261,21 +261,19 @@ def command(
 
 def _paper_sky(plan: "Plan") -> "PaperSky | None":
     """The sky of the pivot paper, where the plan is of angles between stars."""
-    from gse.evaluation.paper_sky import PaperSky
+    from gse.evaluation.paper_figures import PaperSky
 
     return PaperSky.from_plan(plan) if plan.angle_noise else None
 
 
 def _refuse_existing(folder: Path, plan: "Plan") -> None:
-    from gse.evaluation.paper_sky import FIGURES
-    from gse.evaluation.plots import refuse_existing
+    from gse.evaluation.paper_figures import FIGURES, refuse_existing
 
     refuse_existing(folder, *(FIGURES if plan.angle_noise else ()))
 
 
 def _write_figures(document: dict[str, Any], folder: Path, plan: "Plan", sky: "PaperSky | None") -> None:
-    from gse.evaluation.paper_sky import write_sky_figures
-    from gse.evaluation.plots import write_figures
+    from gse.evaluation.paper_figures import write_figures, write_sky_figures
 
     paths = write_figures(document, folder)
     paths += write_sky_figures(sky, plan.frames, folder) if sky is not None else []

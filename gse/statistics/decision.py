@@ -403,8 +403,8 @@ def share_times(share: Share, limit: float, *, at_least: bool) -> float:
     The true share of what is wrong is drawn from Clopper and Pearson's distribution of it: for a PASS from the upper
     one, for a FAIL from the lower; the share of what is still to come is drawn from that. No prior is neutral to a few
     events, and these two take the true share as near to the limit as the session allows. What never happened, or always
-    did, is taken to go on so. 0 where the share is decided; infinite where no length of up to MOST_OF_EVENTS decides, or
-    of up to MOST_LENGTHS where there were no events.
+    did, is taken to go on so. 0 where the share is decided; infinite where no length of up to MOST_OF_EVENTS decides,
+    or of up to MOST_LENGTHS where there were no events.
     """
     wrong, most = (1 - share.value, 1 - limit) if at_least else (share.value, limit)
     seen, others = share.n_eff * wrong, share.n_eff * (1 - wrong)

@@ -5,7 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from gse.evaluation.paper_sky import FIGURES, PaperSky, distinct_magnitude, fields_on_sky, stars_to, write_sky_figures
+from gse.evaluation.paper_figures import (
+    FIGURES,
+    PaperSky,
+    distinct_magnitude,
+    fields_on_sky,
+    stars_to,
+    write_sky_figures,
+)
 from gse.evaluation.plan import PIVOT_PAPER, PRESETS, Plan
 from gse.identifier.pivot import Cells
 

@@ -15,9 +15,8 @@ from drivers.link import SerialLink
 from drivers.playback import session_items
 from gse.cli.emulate import command
 from gse.errors import UsageError
-from gse.sessions.played import PlayedSession, played_session
+from gse.sessions.played import PlayedSession, ShiftedFrames, play, played_session
 from gse.simulator.emulator import Endpoint, PortEndpoint, TcpEndpoint
-from gse.simulator.played_session import ShiftedFrames, play
 from gse.simulator.pty_endpoint import PtyEndpoint
 from gse.values.sensor_time import utc_ns_of
 from protocols import (
