@@ -18,14 +18,16 @@ import textwrap
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
+from drivers.host_files import new_file
 from drivers.outside_text import is_plain, plain_line, plain_lines
 from gse.cli.commands import COMMANDS, dressed, epilog, retired
-from gse.errors import GseError
+from gse.errors import GseError, UsageError
 from gse.process.broken_package import broken_package
 from gse.version import __version__
 from protocols.errors import ProtocolError
@@ -227,3 +229,28 @@ def exit_code_of(error: Exception) -> int:
     if isinstance(error, CommandError):
         return EXIT_FAIL
     return EXIT_NO_DEVICE
+
+
+# What is said of a session of which a part is missing, and its exit code.
+
+DAMAGED = "the session is damaged or lost its end"
+
+
+def damage_code(path: Path, *, damaged: bool) -> int:
+    """The exit code of what was made of a damaged session, which is printed here; 0 of a whole one."""
+    if not damaged:
+        return 0
+    click.echo(f"gse: {path}: {DAMAGED}; this covers what is intact, 'gse session verify' lists the rest", err=True)
+    return EXIT_DATA_LOST
+
+
+def write_new(path: Path, content: str | bytes) -> None:
+    """Write a new file and print its path to stderr; UsageError where it exists or cannot be written."""
+    try:
+        with new_file(path) as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+    except FileExistsError:
+        raise UsageError(f"{path} exists already; choose another name") from None
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from error
+    click.echo(f"{path} written", err=True)

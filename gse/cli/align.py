@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from gse.cli import EXIT_FAIL
-from gse.cli.files import damage_code, write_new
+from gse.cli import EXIT_FAIL, damage_code, write_new
 from gse.cli.options import fit_options, say
 from gse.config.choice import change_to, with_values
 from gse.errors import UsageError

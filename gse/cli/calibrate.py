@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli.files import damage_code, write_new
+from gse.cli import damage_code, write_new
 from gse.cli.options import fit_options, say
 from gse.config.choice import change_to, station_of, with_identifier, with_values
 from gse.config.station import parse_station

@@ -16,8 +16,7 @@ from gse.catalog import StarCatalog, load_catalog
 from gse.catalog.flight import write_list, write_table
 from gse.catalog.mission import MAP_DEG, coverage, thinned
 from gse.catalog.readers import credit_of
-from gse.cli import folded
-from gse.cli.files import write_new
+from gse.cli import folded, write_new
 from gse.cli.options import json_option, station_option
 from gse.config.choice import station_of
 from gse.config.station import Station

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
-from gse.cli.files import damage_code
+from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE, damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, newest_sessions, say, start_utc_option
 from gse.config.choice import StationText, change_to
 from gse.errors import UsageError

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_FAIL
-from gse.cli.files import damage_code
+from gse.cli import EXIT_FAIL, damage_code
 from gse.cli.options import say, start_utc_option
 from gse.config.choice import change_to
 from gse.errors import UsageError

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivers.host_files import only_a_file
-from gse.cli import folded
-from gse.cli.files import write_new
+from gse.cli import folded, write_new
 from gse.errors import TableError
 
 if TYPE_CHECKING:

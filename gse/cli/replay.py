@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.files import DAMAGED
+from gse.cli import DAMAGED
 from gse.cli.finish import (
     Printed,
     applied,

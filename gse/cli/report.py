@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivers.host_files import whole_files
-from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
-from gse.cli.files import DAMAGED, damage_code
+from gse.cli import DAMAGED, EXIT_FAIL, EXIT_INCONCLUSIVE, damage_code
 from gse.cli.finish import (
     Printed,
     applied,

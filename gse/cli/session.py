@@ -12,8 +12,7 @@ import click
 from drivers.host_files import new_file
 from drivers.outside_text import plain_lines
 from drivers.session_file.records import RX
-from gse.cli import EXIT_DATA_LOST
-from gse.cli.files import damage_code
+from gse.cli import EXIT_DATA_LOST, damage_code
 from gse.cli.options import station_option
 from gse.config.choice import station_of
 from gse.errors import UsageError

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.files import damage_code
+from gse.cli import damage_code
 from gse.cli.options import bind_option, clock_error_option, http_port_option, session_argument
 from gse.errors import UsageError
 from gse.process import terminal

@@ -5,10 +5,9 @@ May not import identifier, station or the simulator: truth knows the time and th
 
 from gse.truth.alignment import Alignment, fit_mount, small_rotations, time_blocks
 from gse.truth.frames import horizon_to_sensor, mount_of
-from gse.truth.inertial import InertialTruth, truth_of
 from gse.truth.orientation import EarthOrientation, Orientation
 from gse.truth.refraction import Refraction
-from gse.truth.sidereal import CORRECTIONS, SiderealTruth
+from gse.truth.sidereal import CORRECTIONS, InertialTruth, SiderealTruth, truth_of
 
 __all__ = [
     "CORRECTIONS",

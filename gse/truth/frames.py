@@ -24,7 +24,7 @@ def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
 
     Image up is the direction of the zenith turned by the roll counter-clockwise as seen in the sky, that is towards
     smaller azimuth. Needed with every frame: the array is kept, and read-only. Before a star simulator the sensor's
-    frame is the only one, see gse.truth.inertial.
+    frame is the only one, see InertialTruth.
     """
     if mount.inertial is not None:
         return _STAND
