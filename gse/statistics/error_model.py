@@ -312,34 +312,37 @@ def _filtered(
     """Products (6, G) of the whitened means (y), ones and middles (t), and the logarithm of the determinant, in rows.
 
     yy, y1, yt, 11, 1t, tt. The middles are counted from half of the session, so that ones and t are nearly independent.
+    Cells stand in the inner loops, each with few arrays: so the processor takes several at once.
     """
-    found = np.zeros((7, len(taus)))
-    for cell in range(len(taus)):
-        strength, tau = strengths[cell], taus[cell]
-        variance, y, one, t = strength, 0.0, 0.0, 0.0
-        kept, step, factor, log_factor = 0.0, -1.0, 1.0, 0.0
-        yy, y1, yt, ones, one_t, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for block in range(len(means)):
-            if block:
-                further = middles[block] - middles[block - 1]
-                if further != step:
-                    kept, step = math.exp(-further / tau), further
-                y, one, t = kept * y, kept * one, kept * t
-                variance = strength + kept * kept * (variance - strength)
-            weight = 1 / (variance + of_white[block])
-            new_y, new_one, new_t = means[block] - y, 1.0 - one, middles[block] - 0.5 - t
-            of_y, of_one = weight * new_y, weight * new_one
-            yy += of_y * new_y
-            y1 += of_y * new_one
-            yt += of_y * new_t
-            ones += of_one * new_one
-            one_t += of_one * new_t
-            tt += weight * new_t * new_t
-            factor *= weight
-            if factor < _SMALL or factor > 1 / _SMALL:
-                log_factor, factor = log_factor + math.log(factor), 1.0
-            gain = variance * weight
-            y, one, t = y + gain * new_y, one + gain * new_one, t + gain * new_t
-            variance = gain * of_white[block]
-        found[:, cell] = yy, y1, yt, ones, one_t, tt, -log_factor - math.log(factor)
+    cells = len(taus)
+    found, expected, new = np.zeros((7, cells)), np.zeros((3, cells)), np.zeros((3, cells))
+    variance, kept, weight, gain = strengths.copy(), np.zeros(cells), np.zeros(cells), np.zeros(cells)
+    factor, step = np.ones(cells), -1.0
+    for block in range(len(means)):
+        if block:
+            further = middles[block] - middles[block - 1]
+            if further != step:
+                kept, step = np.exp(-further / taus), further
+            variance = strengths + kept * kept * (variance - strengths)
+        for cell in range(cells):
+            weight[cell] = 1 / (variance[cell] + of_white[block])
+            gain[cell] = variance[cell] * weight[cell]
+            variance[cell] = gain[cell] * of_white[block]
+            factor[cell] *= weight[cell]
+        for cell in range(cells):
+            if factor[cell] < _SMALL or factor[cell] > 1 / _SMALL:
+                found[6, cell] -= math.log(factor[cell])
+                factor[cell] = 1.0
+        for column, value in enumerate((means[block], 1.0, middles[block] - 0.5)):
+            for cell in range(cells):
+                before = kept[cell] * expected[column, cell]
+                new[column, cell] = value - before
+                expected[column, cell] = before + gain[cell] * new[column, cell]
+        row = 0
+        for one in range(3):
+            for other in range(one, 3):
+                for cell in range(cells):
+                    found[row, cell] += weight[cell] * new[one, cell] * new[other, cell]
+                row += 1
+    found[6] -= np.log(factor)
     return found

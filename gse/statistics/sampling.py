@@ -131,18 +131,19 @@ def _of_absolute(
     """
     mean, std = float(errors.mean()), float(errors.std())
     ascending = np.sort(absolute)
-    seen = np.array([float(absolute.mean()), float(np.percentile(ascending, 95))])
+    seen = np.array([float(absolute.mean()), float(_quantile(ascending, 0.95))])
     plain = _folded(np.array([mean]), np.array([std]))
-    decisive, all_of_them = (_folded(*model.points(longest)) - plain for longest in (SESSION, math.inf))
+    points = (_folded(*model.points(longest)) - plain for longest in (SESSION, math.inf))
+    decisive, all_of_them = (np.sort(figures, axis=1) for figures in points)
     number = model.shape_number
-    most = _MOST_SPREADS * float(np.percentile(np.abs(errors - mean), 99))
+    most = _MOST_SPREADS * float(_quantile(np.sort(np.abs(errors - mean)), 0.99))
     level = _level(abs(mean) / std, n_eff)
 
     def end(of: NDArray[np.float64], share: float, quantile: float) -> NDArray[np.float64]:
         """How far either figure may lie from what is seen; below it where the share is."""
         sign = math.copysign(1.0, share - 0.5)
         about = 0.0 if share > 0.5 else np.maximum(np.median(of, axis=1), 0.0)
-        distance = np.maximum(sign * (np.quantile(of, share, axis=1) - about), 0.0)
+        distance = np.maximum(sign * (_quantile(of, share) - about), 0.0)
         return sign * np.hypot(distance, _shape_error(absolute, ascending, number, sign * quantile))
 
     low, high = seen + end(all_of_them, 1 - TWO_SIDED, _Z), seen + end(all_of_them, TWO_SIDED, _Z)
@@ -150,6 +151,15 @@ def _of_absolute(
     upper = seen + np.minimum(end(decisive, level, _Z_ONE), most)
     ends = np.maximum(np.column_stack([np.minimum(low, lower), np.maximum(high, upper), lower, upper]), 0.0)
     return Bounds(*ends[0].tolist()), Bounds(*ends[1].tolist())
+
+
+def _quantile(ascending: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """np.quantile of what ascends along the last axis, to the last digit; its checks take ten times as long as this."""
+    place = share * (ascending.shape[-1] - 1)
+    left = int(place)
+    low, high = ascending[..., left], ascending[..., min(left + 1, ascending.shape[-1] - 1)]
+    part = place - left
+    return np.asarray(low + (high - low) * part if part < 0.5 else high - (high - low) * (1 - part))
 
 
 def _level(bias: float, n_eff: float) -> float:
