@@ -97,8 +97,9 @@ def test_an_exact_hit_of_a_mistake_is_named_though_everything_is_vouched_for():
     assert "both cannot be" in judged.reasons[0]
 
 
-@pytest.mark.parametrize("vouched", [True, False])
-@pytest.mark.parametrize("size_px", [2048, 1200, 1080, 768])
+@pytest.mark.parametrize(
+    ("size_px", "vouched"), [(2048, True), (2048, False), (1200, False), (1080, True), (768, False)]
+)
 def test_a_detector_of_another_size_is_a_mistake_of_the_set_up(size_px, vouched):
     judged = judge(session(replace(WORLD, size_px=size_px, vouched=vouched), WORLD, SHORT))
     assert judged.verdict is Verdict.INCONCLUSIVE
