@@ -166,7 +166,7 @@ def test_the_report_of_the_session_is_neither_compared_nor_written(ci, folder):
 def test_a_built_in_identifier_is_compared_too(folder, gse):
     words = ("ci", folder / "replays", "--identifier")
     assert gse(*words, "neighbour").code == 0
-    assert gse(*words, "pivot").code == 1
+    assert gse(*words, "robust").code == 1
 
 
 BROKEN = {

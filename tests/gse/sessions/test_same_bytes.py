@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from gse.api import judge
 from gse.cli import main
 from gse.sessions.kept_results import results_folder
 
@@ -59,42 +60,42 @@ def by_a_command(session: Path, out: Path, environment: dict[str, str]) -> dict[
     return files_in(out)
 
 
-def by_a_notebook(session: Path, folder: Path, kernel: str) -> dict[str, bytes]:
-    """The tables that the judgement leaves, of every digit."""
-    folder.mkdir()
-    kept = results_folder(Path(shutil.copy(session, folder)))
-    command = [sys.executable, "-c", NOTEBOOK, folder / session.name]
-    subprocess.run(command, env=os.environ | {"OPENBLAS_CORETYPE": kernel}, check=True, stdout=subprocess.DEVNULL)
-    return {path.name: path.read_bytes() for path in kept.glob("*/*.parquet")}
-
-
-@of_x86
-def test_a_command_gives_the_same_report_with_the_kernel_of_another_processor(session, expected, tmp_path):
-    """test_golden_replays.py switches its instructions off too."""
-    assert by_a_command(session, tmp_path, {"OPENBLAS_CORETYPE": "Haswell"}) == expected
-
-
 @of_x86
 def test_a_notebook_leaves_the_same_tables_to_the_last_bit_whichever_kernel_its_numpy_took(session, tmp_path):
-    tables, others = (by_a_notebook(session, tmp_path / kernel, kernel) for kernel in ("Nehalem", "Haswell"))
-    assert {"frames.parquet", "sessions.parquet", "stars.parquet"} <= tables.keys()
-    assert tables == others
+    """This process has the kernel of its processor, which is no Nehalem."""
+    here, there = tmp_path / "here.mcap", tmp_path / "there.mcap"
+    for copy in (here, there):
+        shutil.copy(session, copy)
+    judge(here)
+    command = [sys.executable, "-c", NOTEBOOK, there]
+    subprocess.run(command, env=os.environ | {"OPENBLAS_CORETYPE": "Nehalem"}, check=True, stdout=subprocess.DEVNULL)
+    assert {"frames.parquet", "sessions.parquet", "stars.parquet"} <= tables_of(here).keys()
+    assert tables_of(here) == tables_of(there)
+
+
+def tables_of(session: Path) -> dict[str, bytes]:
+    """What the judgement of a session leaves, of every digit."""
+    return {path.name: path.read_bytes() for path in results_folder(session).glob("*/*.parquet")}
 
 
 def said_by_python(code: str, environment: dict[str, str]) -> str:
     return subprocess.check_output([sys.executable, "-c", code], env=os.environ | environment, text=True).strip()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="a time zone that counts leap seconds is glibc's")
-@pytest.mark.skipif(not Path("/usr/share/i18n/locales/de_DE").exists(), reason="without Debian's locales")
-def test_a_clock_that_counts_leap_seconds_and_a_language_with_a_comma_give_the_same_report(session, expected, tmp_path):
-    zone, locales = tmp_path / "right-utc", tmp_path / "locales"
-    zone.write_bytes(leap_seconds_file())
-    locales.mkdir()
-    subprocess.run(["localedef", "-i", "de_DE", "-f", "ISO-8859-1", locales / "de_DE"], capture_output=True)
-    odd = {"TZ": f":{zone}", "LOCPATH": str(locales), "LC_ALL": "de_DE", "PYTHONUTF8": "0"}
-    assert said_by_python("import time; print(time.gmtime(10**9).tm_sec)", odd) == str((40 - LEAP_SECONDS) % 60)
-    assert said_by_python("import locale; locale.setlocale(locale.LC_ALL, ''); print(f'{1.5:n}')", odd) == "1,5"
+def test_a_command_gives_the_same_report_with_another_kernel_leap_seconds_and_a_comma(session, expected, tmp_path):
+    """At once: each alone would change it. test_golden_replays.py switches instructions of the processor off."""
+    odd = {"OPENBLAS_CORETYPE": "Haswell"}
+    if sys.platform == "linux":  # a time zone that counts leap seconds is glibc's
+        zone = tmp_path / "right-utc"
+        zone.write_bytes(leap_seconds_file())
+        odd |= {"TZ": f":{zone}"}
+        assert said_by_python("import time; print(time.gmtime(10**9).tm_sec)", odd) == str((40 - LEAP_SECONDS) % 60)
+    if Path("/usr/share/i18n/locales/de_DE").exists():  # Debian's locales
+        folder = tmp_path / "locales"
+        folder.mkdir()
+        subprocess.run(["localedef", "-i", "de_DE", "-f", "ISO-8859-1", folder / "de_DE"], capture_output=True)
+        odd |= {"LOCPATH": str(folder), "LC_ALL": "de_DE", "PYTHONUTF8": "0"}
+        assert said_by_python("import locale; locale.setlocale(locale.LC_ALL, ''); print(f'{1.5:n}')", odd) == "1,5"
     assert by_a_command(session, tmp_path / "out", odd) == expected
 
 
