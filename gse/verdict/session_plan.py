@@ -1,4 +1,4 @@
-"""How long a session must be for a PASS, and how much longer one that was begun.
+"""The plan of a session, row by row: how long it must be for a PASS, and how much longer one that was begun must run.
 
 The plan of a session asks each requirement (gse.verdict.requirements); what is left of a session is the time
 after which each of its rows would be decided if its figures stayed as they are. The live view asks the same as
@@ -16,14 +16,10 @@ from gse.values.axis import AXES
 from gse.values.limits import Limits
 from gse.verdict.assessment import Assessment
 from gse.verdict.planning import NEVER, figure_length
-from gse.verdict.requirements import (
-    REQUIREMENTS,
-    ByBounds,
-    ExpectedSession,
-    Requirement,
-    RowPlan,
-    requirement_of,
-)
+from gse.verdict.requirements import REQUIREMENTS, ExpectedSession, Requirement, RowPlan, requirement_of
+
+_AXIS_OF_LIMIT = {axis.column: axis.label for axis in AXES}
+"""By the key of a limit along an axis, which both rows of that axis have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +69,15 @@ def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> Sessi
 
 
 def _lengths(left: list["RowLeft"]) -> dict[str, float]:
-    """Lengths of another session, in this one, by axis (the longer of its two rows), or by row where nothing plans it.
+    """How long another session must be, in lengths of this one: by axis (the longer of its two rows), or by row.
 
-    A row that nothing plans needs no more than it had where it is decided.
+    A row with a plan of its own, other than that of an axis, is left to its plan. A row without one needs no more than
+    it had where it is decided.
     """
     lengths: dict[str, float] = {}
     for item in left:
-        if isinstance(item.requirement.decided, ByBounds) and item.requirement.plan is not None:
-            name = item.requirement.decided.truth[0].label
+        name = _AXIS_OF_LIMIT.get(item.requirement.limit)
+        if name is not None:
             lengths[name] = float(np.maximum(figure_length(item.row), lengths.get(name, 0.0)))  # NaN where one is
         elif item.requirement.plan is None:
             will_pass = item.row.outcome is not Outcome.FAIL and item.requirement.keeps(item.row.value, item.row.limit)

@@ -21,11 +21,21 @@ from gse.station.housekeeping import ITEM, Housekeeping
 from gse.station.results import Subject, Verdict
 from gse.station.star_names import STAR_NAME, StarNames
 from gse.statistics.decision import Outcome
+from gse.statistics.subject_statistics import figure_of
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
 from gse.values.power import PowerReading
+from gse.verdict import session_plan
 from gse.verdict.assessment import judge
-from gse.verdict.requirements import REQUIREMENTS, Case, ExpectedSession, requirement_named, requirement_of
+from gse.verdict.requirements import (
+    REQUIREMENTS,
+    ByBounds,
+    Case,
+    ExpectedSession,
+    not_planned,
+    requirement_named,
+    requirement_of,
+)
 from gse.verdict.session_comparison import session_comparison
 from gse.verdict.session_plan import plan_like, rows_left
 from protocols import Item
@@ -157,6 +167,20 @@ def test_a_row_without_a_plan_of_its_own_needs_what_a_session_like_it_needs(judg
     plan = plan_like(replace(assessment, rows=changed), Subject.ONBOARD, LIMITS)
     (cone,) = (row for row in plan.rows if row.name.startswith("half-cone"))
     assert cone.frames is None if frames is None else cone.frames > 3 * assessment.statistics.frames
+
+
+def test_a_row_of_bounds_that_is_not_planned_leaves_the_plan_of_the_others_as_it_is(judged, monkeypatch):
+    _, assessment = judged
+    before = plan_like(assessment, Subject.ONBOARD, LIMITS)
+
+    def not_planned_cone(row):
+        found = requirement_of(row)
+        cone = ByBounds(lambda subject, s: figure_of(subject.half_cone_95, "p95_abs", s))
+        return replace(found, decided=cone, plan=not_planned) if row.name.startswith("half-cone") else found
+
+    monkeypatch.setattr(session_plan, "requirement_of", not_planned_cone)
+    after = plan_like(assessment, Subject.ONBOARD, LIMITS)
+    assert after.rows == tuple(row for row in before.rows if not row.name.startswith("half-cone"))
 
 
 def test_a_row_without_a_limit_is_neither_tested_nor_planned_nor_compared():
