@@ -159,10 +159,9 @@ class _NoRecording(MessageWriter):
 class SerialLink:
     """A port by its pyserial URL, as a context manager.
 
-    ``receive`` gives chunks and events in the order in which they happened, with what was sent between them as events
-    SENT. Everything received and sent is recorded. The event
-    BACKLOG means that the station falls behind, BACKLOG_FULL that further bytes are in the recording only until it has
-    caught up.
+    ``receive`` gives chunks and events in the order in which they happened; bytes that were sent are events SENT among
+    them. Everything received and sent is recorded. The event BACKLOG means that the station falls behind, BACKLOG_FULL
+    that further bytes go to the recording only, until the station has caught up.
     """
 
     def __init__(

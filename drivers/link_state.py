@@ -8,7 +8,7 @@
 
 The states depend on the stamps of the data alone: how chunks are cut, and how often ``pass_time`` is called, changes
 neither the changes of state nor their times. A state that ends by silence ends when the silence has lasted SILENCE_S,
-even if that is noticed later; of a slow sensor, when a frame and the next one should have come.
+even if that is noticed later. A slow sensor may be silent for longer: until two of its frames should have come.
 """
 
 from collections import deque
@@ -101,7 +101,7 @@ class LinkMonitor:
     def received_all(
         self, chunks: Sequence[Chunk], framed: Sequence[int], reasons: Mapping[int, Collection[str]]
     ) -> list[tuple[int, LinkEvent]]:
-        """The same of chunks that came together, each change with the place of its chunk.
+        """Process chunks that came together, each as by ``received``; each change has the place of its chunk.
 
         ``framed`` are the places of chunks that completed frames, in order; ``reasons`` are by place.
         """

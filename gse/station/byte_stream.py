@@ -52,7 +52,7 @@ class ByteStream:
     """
 
     def __init__(self, protocol: Protocol, counters: LinkCounters, *, echoes: bool = False) -> None:
-        """With ``echoes`` commands are recognised that come back; ``latest_echoes`` are those of the latest chunks."""
+        """With ``echoes`` commands that come back are recognised; ``latest_echoes`` are those of the latest chunks."""
         self.latest_reasons: dict[int, set[str]] = {}
         self.latest_echoes: list[Discard] = []
         self.marks = ByteMarks(protocol)
@@ -115,7 +115,7 @@ class ByteStream:
 NONE_OF = 16
 """By chance a byte that should come so often is missing once in nine million sessions (exp(-16))."""
 USUAL = 8
-"""With fewer of each byte nothing is told."""
+"""With fewer of each byte the counts prove nothing."""
 PAIRS = 4
 """So many pairs, and no byte alone: by chance once in four thousand million sessions (256 to the power of -4)."""
 

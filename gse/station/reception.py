@@ -28,7 +28,7 @@ takes the least difference (host - sensor) of the last 200 frames or 30 s as the
 tag plus this offset is the time of the frame.
 
 **Steps of UTC.** The differences are taken on the host's monotonic clock, and the offset UTC - monotonic is added last.
-``gse.station.reception`` tells steps of that offset, restarts of the sensor, and copies. After a restart, and where a
+``Arrivals`` finds steps of that offset, restarts of the sensor, and copies. After a restart, and where a
 host that was suspended stopped its monotonic clock, the differences begin anew.
 
 **Raw captures** have no host times. With ``anchor_utc_ns`` the first panorama has that instant, and the others follow
@@ -127,7 +127,8 @@ class SensorClock:
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
 _SLEWED_SHARE, _SLEWED_MOST_NS = 1000, NS_PER_S // 20
-"""And by a thousandth of the time between them, at most: Linux slews by 500 ppm beside a frequency of up to 500."""
+"""Slewing may add a thousandth of the time between the frames, and 50 ms at most: Linux slews by 500 ppm, on top of a
+frequency that it corrects by up to 500 ppm."""
 
 SHORTEST_SUSPENSION_NS = NS_PER_S
 """Steps that are smaller are always those of UTC: time tags and arrivals do not tell."""
@@ -196,7 +197,7 @@ class Arrivals:
             elapsed_s = (mono_ns - before_ns) / NS_PER_S
         if frame.flags and "stored" in self._protocol.flags_of(frame):
             time_us, restarted = None, False
-        # What bears a number again need not be a copy: that has the same bytes as one of the latest frames.
+        # A number that came before does not prove a copy: a copy has the same bytes as one of the latest frames.
         arrival = self._sequence.accept(
             frame.sequence,
             time_us=time_us,

@@ -36,7 +36,7 @@ DECIDED = 0.8
 PROBABILITY = 0.9
 """Probability of a PASS that a plan is made for, if the sensor performs as expected."""
 MOST_LENGTHS = 400.0
-"""Longest session that is looked at, in what was seen: a night for a minute."""
+"""Longest session that is tried, in lengths of the session that was seen: a night for a minute."""
 MOST_OF_EVENTS = 20.0
 """The same where a share rests on events that were seen: their number tells nothing of so many nights more."""
 
@@ -271,9 +271,9 @@ def further_share(distance: float, sampling: float, truth_standard: float, n_eff
 
 
 def lengths_to_pass(distance: float, sampling: float, truth_standard: float, n_eff: float = math.inf) -> float:
-    """The length of another session like one that was judged, in that, for a PASS with PROBABILITY.
+    """How long another session like the judged one must be for a PASS with PROBABILITY, in lengths of the judged one.
 
-    From the same as further_share, ``distance`` below 0 where the figure is above its limit.
+    The arguments are those of further_share; ``distance`` is below 0 where the figure is above its limit.
     """
     if not math.isfinite(sampling):
         return sampling

@@ -75,7 +75,7 @@ STAR_SIMULATOR = (
 )
 """What no screen shows, in a line of ``not_tested``."""
 RELATIVE = "relative to a "
-"""What a line of the reasons begins with that says so; it is no reason against PASS."""
+"""The begin of a reason that names what was fitted on the same sky; such a reason does not stand against PASS."""
 
 _REPR_COLUMNS = 110
 

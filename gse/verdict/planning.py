@@ -1,4 +1,4 @@
-"""How long a session must be for a verdict.
+"""The frames that one figure or share needs until it is decided.
 
 A PASS asks that a figure and its uncertainty keep the limit (gse.statistics.decision), so that a session must be long
 enough for what the sensor is expected to do. Errors are simulated as a bias with noise of exponential correlation and

@@ -309,7 +309,7 @@ class ByRate(_OfSession):
 
 @dataclass(frozen=True, slots=True)
 class ByNames(_OfSession):
-    """The share of the sensor's lists of stars in which a name is wrong."""
+    """The share of the sensor's lists of stars in which a name is wrong, decided by its exact bounds."""
 
     def row(self, asked: Criterion, case: Case) -> Row:
         """The row, the same below each subject."""
@@ -402,17 +402,17 @@ def _none_false(session: ExpectedSession) -> RowPlan:
 
 
 def not_planned(_: ExpectedSession) -> None:
-    """Of a row that needs no more frames than the others do."""
+    """The plan of a row that needs no more frames than the others do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Requirement:
     """One row of the verdict.
 
-    ``limit`` is the key of its limit in Limits; where that is None, or the row does not ``apply`` to a subject, it is
-    not tested or not there; an ``only_asked`` row is not there without its limit. ``claim`` is what a FAIL says of the
-    sensor. PASS needs the ``core`` rows of one subject. Without a ``plan`` of its own it is planned by a session like
-    it, without ``compared`` by its bounds. ``says`` is the line of its documentation.
+    ``limit`` is the key of its limit in Limits. Without a limit it is not tested; an ``only_asked`` row is not there
+    then, nor is a row of a subject to which it does not apply (``applies``). ``claim`` is what a FAIL says of the
+    sensor. PASS needs the ``core`` rows of one subject. Without a ``plan`` of its own it is planned from a session that
+    was judged; without ``compared`` two sessions are compared by its bounds. ``says`` is the line of its documentation.
     """
 
     name: str
@@ -514,7 +514,7 @@ def _of_axis(
 
 
 _NO_FIGURE = Figure(math.nan, NO_BOUNDS, math.nan, 0, math.nan)
-"""Of a session whose own station file states no limit along the sensor's axes."""
+"""What a session has whose own station file states no limit along the sensor's axes."""
 
 
 def _at_confidence(axis: Axis, name: str, limit: str, *, truth: tuple[Axis, ...], along: str) -> Requirement:
@@ -601,7 +601,7 @@ HOST_TIME = Requirement(
 )
 
 _only_asked = functools.partial(Requirement, only_asked=True, plan=not_planned, compared=not_compared)
-"""A row that is there only where its limit is stated, and of which no length of a session can be told."""
+"""A row that is there only where its limit is stated, and for which no length of a session can be planned."""
 
 REQUIREMENTS = (
     *_of_axis(D_RA_COSDE, core=True, compared=along(D_RA_COSDE)),
