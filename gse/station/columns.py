@@ -1,6 +1,6 @@
 """Columns of a session's frames: each is declared here once, with its name, type and meaning.
 
-frames.csv (gse.report.files), Parquet (gse.report), docs/tables.md and the graphs of rerun (gse.view.series) are
+frames.csv (gse.report.files), Parquet (gse.report), docs/tables.md and the graphs of rerun (gse.view.rerun_columns) are
 made from COLUMNS. So a new column is an entry here and a line in the function that fills it.
 """
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.station.columns import UNITS, unit_of
-from gse.view.pictures import LEGEND_ENDS, SCATTER_LEGEND_ENDS
-from gse.view.series import GRAPHS, TIMELINE
+from gse.view.rerun_columns import GRAPHS, LEGEND_ENDS, SCATTER_LEGEND_ENDS, TIMELINE
 
 LIVE_WINDOW_S = 600.0
 """A live view shows the last ten minutes."""

@@ -31,29 +31,27 @@ from gse.view.live_state import (
     VERDICT_COLOURS,
     SessionSoFar,
 )
-from gse.view.pictures import (
-    TRACK_ROW_NS,
-    DetectorPicture,
-    begin_scatter,
-    begin_sky,
-    send_scatter,
-    send_sky,
-    unit_vectors,
-)
 from gse.view.recent import EventLines, NextPiece, Recent
-from gse.view.series import (
+from gse.view.rerun_columns import (
     MEAN_S,
     OUTAGE_NS,
+    TRACK_ROW_NS,
+    DetectorPicture,
     begin_item,
+    begin_scatter,
     begin_series,
+    begin_sky,
     near_rows,
     send_clock,
     send_item,
     send_near,
     send_outages,
     send_own_answers,
+    send_scatter,
     send_series,
+    send_sky,
     times,
+    unit_vectors,
 )
 from protocols import Item
 

@@ -23,9 +23,9 @@ from gse.station.results import Status
 from gse.station.session_tables import FrameTable
 from gse.values.instant import NS_PER_S
 from gse.view.blueprint import _title, layout
+from gse.view.rerun_columns import GRAPHS, MEAN_S, near_rows
 from gse.view.saved_view import save_view
 from gse.view.scene import Scene
-from gse.view.series import GRAPHS, MEAN_S, near_rows
 
 FRAMES = 700
 
