@@ -208,11 +208,13 @@ def _pair_table(icrs: NDArray[np.float64], reach_rad: float) -> tuple[NDArray[np
 
 def _turn(at: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.int64]:
     """Position angle of stars (N, 3) seen from others (N, 3), east through north, in 1/65,536 turn."""
-    east = np.column_stack([-at[:, 1], at[:, 0], np.zeros(len(at))])
-    east[np.hypot(at[:, 0], at[:, 1]) < 1e-9] = (0.0, 1.0, 0.0)
-    east /= np.linalg.norm(east, axis=1)[:, None]
-    north = np.cross(at, east)
-    angle = np.arctan2((north * towards).sum(axis=1), (east * towards).sum(axis=1))
+    (x, y, z), (to_x, to_y, to_z) = at.T, towards.T  # column by column: rows of three take three times as long
+    is_pole = np.hypot(x, y) < 1e-9
+    east_x, east_y = np.where(is_pole, 0.0, -y), np.where(is_pole, 1.0, x)
+    length = np.sqrt(east_x**2 + east_y**2)
+    east_x, east_y = east_x / length, east_y / length
+    northwards = -z * east_y * to_x + z * east_x * to_y + (x * east_y - y * east_x) * to_z
+    angle = np.arctan2(northwards, east_x * to_x + east_y * to_y)
     turns: NDArray[np.int64] = np.round(angle * (_TURN / (2 * math.pi))).astype(np.int64) % _TURN
     return turns
 
