@@ -142,19 +142,16 @@ def statistics(session: SessionData) -> Statistics:
     unreadable = is_wrong(convention, session.station.sensor.attitude)
     if session.subject is Subject.SENSOR and unreadable:
         counted = counted.uncompared()
-    answers = _of_frames(session, counted)
-    subjects = {session.subject: subject_statistics(session.subject, frames, answers, limits, field_rad)}
+    answers = {session.subject: _answers_of_frames(session, counted)}
     own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
     counted_own = None
     if own is not None:
         counted_own = own_counted(session, own, counted)
         if unreadable:
             counted_own = counted_own.uncompared()
-        answers = _sensor(own, counted_own)
-        subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, limits, field_rad)
-    given = {session.subject: (counted, _of_frames(session, counted).columns)}
-    if own is not None and counted_own is not None:
-        given[Subject.SENSOR] = counted_own, _sensor(own, counted_own).columns
+        answers[Subject.SENSOR] = _answers_of_sensor(own, counted_own)
+    subjects = {name: subject_statistics(name, frames, one, limits, field_rad) for name, one in answers.items()}
+    given = {name: (one.counted, one.columns) for name, one in answers.items()}
     if not session.station.is_under_sky:
         subjects = {name: replace(subject, earth_rate=NO_EARTH_RATE) for name, subject in subjects.items()}
     return Statistics(
@@ -205,7 +202,7 @@ def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
     return counts
 
 
-def _of_frames(session: SessionData, counted: CountedFrames) -> SubjectAnswers:
+def _answers_of_frames(session: SessionData, counted: CountedFrames) -> SubjectAnswers:
     frames, given = session.frames.columns, session.external_counts
     columns = {axis.column: frames[axis.column] for axis in ALL_AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
@@ -218,7 +215,7 @@ def _of_frames(session: SessionData, counted: CountedFrames) -> SubjectAnswers:
     )
 
 
-def _sensor(own: SensorAnswers, counted: CountedFrames) -> SubjectAnswers:
+def _answers_of_sensor(own: SensorAnswers, counted: CountedFrames) -> SubjectAnswers:
     columns = {axis.column: getattr(own, axis.column) for axis in ALL_AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     return SubjectAnswers(columns, counted, own.latency_ms, own.arrival_ms, time_is_stated=True)
