@@ -73,8 +73,7 @@ if TYPE_CHECKING:
 #
 # Until its port is open, that process writes to the terminal, so that errors at the start are visible; afterwards to
 # run.log in the session folder. A log of 16 MiB becomes run.1.log, in the place of the one before, and a new one
-# begins:
-# a week of --json-frames must not take the disk of the session.
+# begins: a week of --json-frames must not take the disk of the session.
 
 LOG_NAME, OLDER_LOG_NAME = "run.log", "run.1.log"
 MOST_LOG_BYTES = 16 << 20

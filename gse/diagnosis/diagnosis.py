@@ -133,11 +133,9 @@ def _noise_of_stars(session: SessionData, stats: Statistics) -> str:
 #
 # A double star, a bad place in the catalogue or a star in the blur of the lens keeps its error; the day it leaves the
 # field the boresight steps. Each star's error is the mean of its residuals and of what the fits of its frames took of
-# it,
-# as far as it is more than chance: the means of all stars together tell how great lasting errors are, and each mean is
-# made smaller by its own part of chance (James & Stein 1961). Whole means would hand the noise of one star on to the
-# next
-# as stars come and go, which looks like a drift.
+# it, as far as it is more than chance: the means of all stars together tell how great lasting errors are, and each mean
+# is made smaller by its own part of chance (James & Stein 1961). Whole means would hand the noise of one star on to the
+# next as stars come and go, which looks like a drift.
 
 _MOST_ROWS = 40_000
 _ROUNDS = 5

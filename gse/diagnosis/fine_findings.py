@@ -37,11 +37,9 @@ from gse.values.text import percent
 
 # Vibration: a boresight that scatters from frame to frame by more than its stars explain.
 #
-# A mount that shakes moves all stars of a frame alike: the attitudes scatter, the residuals within a frame do not.
-# What
+# A mount that shakes moves all stars of a frame alike: the attitudes scatter, the residuals within a frame do not. What
 # the residuals make of the boresight is its noise equivalent angle as predicted; both are taken without what lasts
-# longer
-# than 20 s.
+# longer than 20 s.
 
 _CAUSE = "vibration"
 LEAST_RATIO = 4.0

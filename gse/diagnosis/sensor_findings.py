@@ -25,8 +25,8 @@ from gse.values.instant import NS_PER_S
 # Definitions of a sensor's own answer, and its offset from the answer here by each of them.
 #
 # Air and aberration part the stars of a field unevenly. A sensor may answer the mean over its stars, as the one here
-# does
-# from the same panorama, over the whole field, or its boresight alone. What no idea explains is an error of its own.
+# does from the same panorama, over the whole field, or its boresight alone. What no idea explains is an error of its
+# own.
 
 _MOST_ROWS = 1 << 14
 """Evenly over the session: medians of so many are known well, and rotations of more are large."""
@@ -58,8 +58,7 @@ def by_each_idea(
 
 # The sensor's own answers against those that follow here from the same panoramas: bias, delay, roll, noise.
 #
-# Both are of the same stars, so that another identifier or another choice of stars parts them by no more than the
-# noise
+# Both are of the same stars, so that another identifier or another choice of stars parts them by no more than the noise
 # of each.
 
 _SIGMAS = 5.0

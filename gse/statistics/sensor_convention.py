@@ -39,18 +39,13 @@ from gse.values.matrices import eigh, length, product
 # Search for the convention of a sensor's own answers: all discrete ones against a minute of sky.
 #
 # Each convention makes attitudes of the numbers that the sensor sent; a right one leaves a small, steady turn against
-# the
-# truth (the noise of both, and how the sensor's body frame sits on its detector), a wrong one a turn of degrees, or
-# one
-# that moves with the sky. The size of a convention's misfit is that turn and its change over the stretch, in arcsec
-# across the boresight, with the turn about the boresight in proportion to how well it is known. A convention fits
-# where
-# its size is within MOST_ARCSEC; those within three times the least and six standard uncertainties of it cannot be
-# told
+# the truth (the noise of both, and how the sensor's body frame sits on its detector), a wrong one a turn of degrees, or
+# one that moves with the sky. The size of a convention's misfit is that turn and its change over the stretch, in arcsec
+# across the boresight, with the turn about the boresight in proportion to how well it is known. A convention fits where
+# its size is within MOST_ARCSEC; those within three times the least and six standard uncertainties of it cannot be told
 # apart. Aberration moves all answers of a minute alike, by at most 20.5 arcsec, and so does a body frame that is
-# turned:
-# it is named only where the one hypothesis fits within four standard uncertainties and the other is off by more than
-# six.
+# turned: it is named only where the one hypothesis fits within four standard uncertainties and the other is off by more
+# than six.
 
 MOST_ARCSEC = 360.0
 """A body frame is turned by less against its detector; precession since 2000 is more from 2008 on."""

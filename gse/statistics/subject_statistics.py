@@ -28,8 +28,7 @@ from gse.values.matrices import pinv, product
 # Time to first fix: from a cold start to the first good answer, as a list over the starts of a session.
 #
 # A start is the first panorama, or the first one after the sensor's frame numbers began anew: a reset, or power that
-# came
-# back. ECSS-E-ST-60-20C Rev.2 asks for the acquisition time as a distribution.
+# came back. ECSS-E-ST-60-20C Rev.2 asks for the acquisition time as a distribution.
 
 
 def first_fixes_s(
@@ -53,10 +52,8 @@ def first_fixes_s(
 # Thermo-elastic error: how the attitude error follows the sensor's temperature, in arcsec per kelvin.
 #
 # ECSS-E-ST-60-20C Rev.2 counts it among the bias and low-frequency errors. A straight drift in time is fitted beside
-# the
-# temperature, so that a mount that sinks is not taken for it; where the temperature itself only drifts, the two cannot
-# be
-# told apart and the interval says so. The interval respects autocorrelation: block means, Student's t.
+# the temperature, so that a mount that sinks is not taken for it; where the temperature itself only drifts, the two
+# cannot be told apart and the interval says so. The interval respects autocorrelation: block means, Student's t.
 
 BLOCKS = 32
 """Means of so many equal parts of the session are fitted; their residuals' correlation widens the interval."""
