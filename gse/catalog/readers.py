@@ -91,10 +91,10 @@ def load_catalog(source: str = GAIA, *, stars: int | None = None, faintest_magni
     """A catalogue, brightest stars first, at its own epoch; only its first ``stars``, those to a magnitude, or all.
 
     ``gaia``: the embedded Gaia catalogue to G 10, epoch 2016.0, with the proper motions of Hipparcos for the stars to V
-    6.6; the others are at rest. Else the path of a Hipparcos main
-    catalogue (plain or gzip; J1991.25), a Bright Star Catalogue (BSC5 binary; J2000) or a flight catalogue (CSV, as it
-    is), told apart by their content. CatalogError where the file is neither, or damaged. Pass ``stars`` to load fewer:
-    the whole Gaia list takes 60 MB while it is read.
+    6.6; the others are at rest. Else the path of a Hipparcos main catalogue (plain or gzip; J1991.25), a Bright Star
+    Catalogue (BSC5 binary; J2000) or a flight catalogue (CSV, as it is), told apart by their content. CatalogError
+    where the file is neither, or damaged. Pass ``stars`` to load fewer: the whole Gaia list takes 60 MB while it is
+    read.
     """
     if source == GAIA:
         return _gaia(catalog_path(), stars, faintest_magnitude)

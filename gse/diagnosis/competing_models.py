@@ -5,10 +5,10 @@ of the field. Noise of the angles has, on each axis, the spectrum of white noise
 correlation, of any strength and time, integrated over its scale and weighted by its likelihood under the model: a slow
 cause is believed only where slow noise does not explain it as well. The mean is then a Student t with the spectrum at
 zero, and what single stars keep (gse.values.star_influence) added; the field is one with the stars' own scatter.
-Columns are
-fitted by expectation maximisation over the spectra. A model's score is twice its logarithm of likelihood less PENALTY
-for each column and the logarithm of the number of places that were searched (as in the Bayesian information criterion
-of Schwarz 1978 for 150 values: with the frame rate the penalty would grow, and with it what is missed).
+Columns are fitted by expectation maximisation over the spectra. A model's score is twice its logarithm of likelihood
+less PENALTY for each column and the logarithm of the number of places that were searched (as in the Bayesian
+information criterion of Schwarz 1978 for 150 values: with the frame rate the penalty would grow, and with it what is
+missed).
 """
 
 import functools

@@ -235,9 +235,9 @@ class FrameProcessor:
     """Processes panoramas with camera, identifier under test, reference identifier, and sidereal truth for a mount.
 
     ``search`` is that of the robust identifier, the reference or under test, through a session; without it each
-    panorama stands for itself.
-    ``truth`` is None without an Earth orientation for the date, ``mount`` is None until it is fitted: then results have
-    no attitude error. ``paper_mean`` takes the boresight of the LAPAN paper instead of Wahba's.
+    panorama stands for itself. ``truth`` is None without an Earth orientation for the date, ``mount`` is None until it
+    is fitted: then results have no attitude error. ``paper_mean`` takes the boresight of the LAPAN paper instead of
+    Wahba's.
     """
 
     camera: Camera

@@ -367,8 +367,8 @@ class StationLoop:
 
         ``stop`` is asked after each WORK_S of work. ``first`` is what was received already, ``each`` gets the results
         of every round, ``wait_s`` says how long a round may wait; it takes at ``most`` so many items of the port.
-        ``last`` is done when it stops, while the port is still open.
-        Where ``leave`` says so after the stop, the rest is left: it is recorded, and ``left_bytes`` says how much.
+        ``last`` is done when it stops, while the port is still open. Where ``leave`` says so after the stop, the rest
+        is left: it is recorded, and ``left_bytes`` says how much.
         """
         items = _in_pieces(first, may_stop=stop is not None)
         try:

@@ -31,16 +31,13 @@ class SessionData:
     own ``subject``, and the frames are its answers. ``sensor_attitudes`` are the sensor's own answers (ATTITUDE
     frames), ``star_names`` those of its lists of stars, ``housekeeping`` the items that it sends; ``raw_sha256`` is the
     hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
-    numbers depend on.
-    ``events_not_kept`` are those of a flood, which are only counted.
-    ``others_lost`` of the lost frames of the link were certainly no panoramas.
-    A ``truncated`` session lost its end; a ``growing`` one is still being recorded. ``stars`` are those of the mission
-    catalogue: matches name its rows.
-    ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
-    error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
-    ``shown`` is what a screen showed, by its events SHOWN.
-    ``time`` says what the sensor's time tags tell. ``power`` are the readings of its supply.
-    ``external`` is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
+    numbers depend on. ``events_not_kept`` are those of a flood, which are only counted. ``others_lost`` of the lost
+    frames of the link were certainly no panoramas. A ``truncated`` session lost its end; a ``growing`` one is still
+    being recorded. ``stars`` are those of the mission catalogue: matches name its rows. ``alignment`` is the mount that
+    was fitted on the session itself, ``clock_error_s`` a bound of the host clock's error that the operator states,
+    ``excluded`` the times that the operator excludes from the statistics. ``shown`` is what a screen showed, by its
+    events SHOWN. ``time`` says what the sensor's time tags tell. ``power`` are the readings of its supply. ``external``
+    is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
     """
 
     station: Station

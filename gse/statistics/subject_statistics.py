@@ -141,15 +141,14 @@ class SubjectStatistics:
 
     ``available`` is answered and not false, of the expected frames; ``outages`` are the long ones of its absences.
     ``false_answers`` is of the judged answers, on as many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone
-    that holds 95 % of the boresights.
-    ``time_ms`` is the identification time of this host for the onboard subject, and where ``time_is_stated`` the
-    processing time that the sensor or an external identifier states by its own clock; ``slow`` the share of frames over
-    the limit of time. ``outage_s`` is the longest time
-    between good answers. ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama
-    for the onboard subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature
-    tells nothing; ``first_fixes_s`` has an entry for each start of the sensor. ``at_confidence`` has an axis of the
-    sensor as key: the absolute error that ``limits.confidence`` of the frames keep; it is empty without such a limit.
-    ``output_rate_hz`` is of the subject's frames, right or wrong, without the gaps between them.
+    that holds 95 % of the boresights. ``time_ms`` is the identification time of this host for the onboard subject, and
+    where ``time_is_stated`` the processing time that the sensor or an external identifier states by its own clock;
+    ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time between good answers.
+    ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama for the onboard
+    subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature tells nothing;
+    ``first_fixes_s`` has an entry for each start of the sensor. ``at_confidence`` has an axis of the sensor as key: the
+    absolute error that ``limits.confidence`` of the frames keep; it is empty without such a limit. ``output_rate_hz``
+    is of the subject's frames, right or wrong, without the gaps between them.
     """
 
     subject: Subject

@@ -37,15 +37,13 @@ def _in_order(ends: tuple[float | None, float | None]) -> tuple[float | None, fl
 class Limits:
     """The limits that a session is judged against; mean errors and time are those of the LAPAN paper.
 
-    ``boresight_arcsec`` is for the half-cone that holds 95 % of the boresights, and None where nothing is asked of it.
-    ``false_arcsec`` is how far a false answer lies off: three times the larger limit on the sky where it is not stated.
+    A limit that is None is not asked. ``boresight_arcsec`` is for the half-cone that holds 95 % of the boresights.
     ``x_arcsec`` and ``y_arcsec`` are along the sensor's own columns and rows, ``about_arcsec`` is about its boresight,
     each for the share ``confidence`` of the frames. ``slew_deg_per_s`` is the rate of turn that the sensor must bear;
-    frames of a faster scene count for nothing else. These, ``output_rate_hz`` (at least), ``first_fix_s``, the
-    currents of the supply, bias and noise of the rates that the sensor states, and the share of its lists of stars with
-    a wrong name are None where nothing is asked.
-    ``items`` are low and high end, one of which may be None, of
-    items of the sensor's housekeeping: all values of a session must lie between them.
+    frames of a faster scene count for nothing else. ``output_rate_hz`` and ``availability`` are the least that passes.
+    ``false_arcsec`` is how far a false answer lies off; where it is None, that is three times the larger limit on the
+    sky. ``items`` are low and high end, one of which may be None, of items of the sensor's housekeeping: all values of
+    a session must lie between them.
     """
 
     d_ra_cosde_arcsec: Arcsec = 60.0

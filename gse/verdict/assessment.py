@@ -86,10 +86,9 @@ class Assessment:
 
     ``relative`` where the mount was fitted on the same sky: then absolute pointing, site and clock were not tested.
     ``damaged`` where a part of the session file is missing: what that part showed is unknown. ``growing`` where it is
-    still being recorded.
-    ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
-    ``slew`` has the steps of each subject before a screen that turned at several rates.
-    Of a ``procedure`` the verdict is that of its steps; the rows are the worst of the stretches that it watched.
+    still being recorded. ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves
+    nothing of a sensor. ``slew`` has the steps of each subject before a screen that turned at several rates. Of a
+    ``procedure`` the verdict is that of its steps; the rows are the worst of the stretches that it watched.
     """
 
     verdict: Verdict
