@@ -76,6 +76,25 @@ def test_a_module_that_the_plan_names_without_its_room_is_in_the_room_of_the_pat
     assert missing == []
 
 
+PLAN = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+
+
+def test_the_plan_has_each_room() -> None:
+    rooms = {path.parent.name for path in (ROOT / "gse").glob("*/__init__.py")}
+    _, _, section = PLAN.partition("## Rooms")
+    section, _, _ = section.partition("## Decisions")
+    assert rooms - set(re.findall(r"gse\.(\w+)", section)) == set()
+
+
+def test_the_plan_has_each_thread() -> None:
+    code = [path.read_text("utf-8") for room in ("gse", "drivers") for path in (ROOT / room).rglob("*.py")]
+    names = {name for text in code for name in re.findall(r'Thread\([^)]*name=f?"([\w ]+)', text)}
+    assert len(names) > 10
+    _, _, section = PLAN.partition("## Threads")
+    section, _, _ = section.partition("## State")
+    assert [name for name in names if f"`{name}" not in section] == []
+
+
 def test_the_index_of_the_documentation_lists_every_page() -> None:
     listed = set(_LINK.findall((ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
     assert {path.name for path in (ROOT / "docs").glob("*.md")} - listed == {"index.md"}
