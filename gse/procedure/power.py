@@ -21,9 +21,9 @@ from typing import Self
 from drivers.clock import ClockReading, read_clock
 from drivers.outside_text import plain_line
 from gse.config.station import Power
+from gse.recording.session_format import PowerReading
 from gse.station.events import StationKind
 from gse.values.instant import NS_PER_S
-from gse.values.power import PowerReading
 
 Event = tuple[str, str]
 """Kind and text of an event."""

@@ -13,7 +13,6 @@ from drivers.outside_text import plain_line
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import CLOCK, Attachment, Damage, RecordedMessage
 from gse.values.instant import LAST_NS
-from gse.values.power import PowerReading
 from gse.values.screen import Shown
 
 # Kinds of events of the recorder.
@@ -87,6 +86,15 @@ class RecordedTimings:
                 self._next = place + 1
                 return self._elapsed_us[place]
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class PowerReading:
+    """One reading of the sensor's supply by its switch; ``volts`` is NaN where that reads the current alone."""
+
+    utc_ns: int
+    amperes: float
+    volts: float = math.nan
 
 
 @dataclass(slots=True)

@@ -46,7 +46,7 @@ from gse.errors import TruthError, UsageError
 from gse.external.identifier import ExternalCounts
 from gse.process.installation import own_cache_folder
 from gse.process.release_memory import give_back
-from gse.recording.session_format import read_attachments
+from gse.recording.session_format import PowerReading, read_attachments
 from gse.report.parquet import ROWS_AT_ONCE, ParquetColumns, read_parquet, write_parquet
 from gse.report.provenance import ResultKey, session_sha256, software_sha256
 from gse.report.sessions_table import sessions_table
@@ -62,7 +62,6 @@ from gse.station.session_tables import MATCH, MOST_IN_MEMORY, OTHER, OWN_ANSWER,
 from gse.station.star_names import STAR_NAME, StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.values.matrices import solve
-from gse.values.power import PowerReading
 from gse.values.screen import Shown
 from gse.verdict.assessment import Assessment, judge
 from protocols import Item, StatusMessage, built_in_names

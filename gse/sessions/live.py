@@ -42,6 +42,7 @@ from gse.recording.session_format import (
     STATED,
     STATION,
     TIMING_TOPIC,
+    PowerReading,
     clock_json,
     power_json,
     shown_json,
@@ -60,7 +61,6 @@ from gse.statistics.decision import Outcome
 from gse.truth import EarthOrientation
 from gse.truth.orientation import GivenTables
 from gse.values import instant
-from gse.values.power import PowerReading
 from gse.values.screen import Shown
 from gse.view.live_state import LiveState
 from protocols import EncodeError, Protocol, load_protocol

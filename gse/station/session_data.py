@@ -8,6 +8,7 @@ from drivers.clock import ClockReading
 from gse.catalog.stars import ListedStars
 from gse.config.station import Station
 from gse.external.identifier import ExternalCounts
+from gse.recording.session_format import PowerReading
 from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion
 from gse.station.host_clock import instants_ns
@@ -17,7 +18,6 @@ from gse.station.session_tables import AttitudeTable, FrameTable
 from gse.station.star_names import StarNames
 from gse.truth import Alignment, EarthOrientation
 from gse.truth.orientation import FIRST_NS
-from gse.values.power import PowerReading
 from gse.values.screen import ShownSky
 from protocols import StatusMessage
 from protocols.description import TimeDescription

@@ -1,11 +1,13 @@
 """Statistics of a session: those of each subject on trial, and those of its frames and clocks."""
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.recording.session_format import PowerReading
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import StationKind
 from gse.station.exclusions import Exclusion, excluded
@@ -27,8 +29,8 @@ from gse.truth import horizon_to_sensor
 from gse.values.attitude_convention import to_answers
 from gse.values.axis import ALL_AXES
 from gse.values.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.values.instant import NS_PER_S
 from gse.values.matrices import product
-from gse.values.power import PowerUse, power_use
 from protocols.vocabulary import quantity
 
 _MOST_STAR_ERRORS = 20_000
@@ -40,6 +42,14 @@ RATES = ("rate_x", "rate_y", "rate_z")
 A sensor that stands on the Earth turns with it: by 15.041 arcsec/s about the pole, whose components in the sensor's
 frame are those of the mount. Before a star simulator there is no such truth.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class PowerUse:
+    """Mean current of the sensor while it is on, and its greatest current while it is switched on; NaN if unknown."""
+
+    mean_a: float = math.nan
+    inrush_a: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +193,23 @@ def statistics(session: SessionData) -> Statistics:
         rates=rate_errors(session),
         names=named_stars(session.star_names.rows, session.stars),
     )
+
+
+def power_use(readings: Sequence[PowerReading], switched: Iterable[tuple[int, bool]], settle_s: float) -> PowerUse:
+    """The currents of readings, where the supply was ``switched`` on (True) or off at instants of UTC.
+
+    A sensor that nobody switches is on. The mean leaves out ``settle_s`` after each time that it was switched on; the
+    greatest reading of these seconds is the inrush current, as far as readings that often show it.
+    """
+    turns = [(-1, True, False), *((utc_ns, on, on) for utc_ns, on in sorted(switched))]
+    steady, rush = [], []
+    for reading in readings:
+        began_ns, is_on, was_switched_on = next(turn for turn in reversed(turns) if turn[0] <= reading.utc_ns)
+        if was_switched_on and reading.utc_ns - began_ns <= settle_s * NS_PER_S:
+            rush.append(reading.amperes)
+        elif is_on:
+            steady.append(reading.amperes)
+    return PowerUse(math.fsum(steady) / len(steady) if steady else math.nan, max(rush, default=math.nan))
 
 
 def _power_use(session: SessionData) -> PowerUse:

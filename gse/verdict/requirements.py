@@ -34,13 +34,12 @@ from gse.statistics.decision import (
     share_times,
 )
 from gse.statistics.sampling import MIN_FRAMES, NO_BOUNDS, Bounds
-from gse.statistics.session_statistics import RateError, Statistics
+from gse.statistics.session_statistics import PowerUse, RateError, Statistics
 from gse.statistics.subject_statistics import SubjectStatistics, figure_of
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.values.axis import AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL, ON_SKY, Axis
 from gse.values.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.values.limits import Limits
-from gse.values.power import PowerUse
 from gse.values.text import percent
 from gse.verdict.compared_rows import (
     Bounded,

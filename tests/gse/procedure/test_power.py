@@ -13,11 +13,11 @@ from devices.terminal import Terminal
 from gse.config.station import Power, parse_station
 from gse.errors import ConfigError
 from gse.procedure.power import PowerSwitch, reading_of, run_program
-from gse.recording.session_format import read_recorded
+from gse.recording.session_format import PowerReading, read_recorded
 from gse.sessions.replay import sealed
 from gse.station.events import StationKind
+from gse.statistics.session_statistics import power_use
 from gse.values.instant import NS_PER_S
-from gse.values.power import PowerReading, power_use
 
 SWITCH = """\
 import pathlib, subprocess, sys, time

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from skies.synthetic_night import START_NS, small_catalog, synthetic_night
 
+from gse.recording.session_format import PowerReading
 from gse.report import summarise
 from gse.report.files import write_report
 from gse.report.parquet import write_parquet
@@ -34,7 +35,6 @@ from gse.station.session_data import SessionData
 from gse.station.setup import versions
 from gse.station.star_names import STAR_NAME, StarNames, named_stars
 from gse.truth import Alignment
-from gse.values.power import PowerReading
 from gse.verdict.assessment import judge
 from protocols import AttitudeMessage, StatusMessage
 from protocols.description import DelayDescription, TimeDescription

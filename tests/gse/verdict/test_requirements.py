@@ -13,6 +13,7 @@ from skies.known_nights import STATION, session
 
 from drivers.chunk import LinkEvent
 from gse.catalog.stars import ListedStars
+from gse.recording.session_format import PowerReading
 from gse.report.files import junit_xml
 from gse.report.summary import summarise
 from gse.sessions.forecast import forecast_text
@@ -24,7 +25,6 @@ from gse.statistics.decision import Outcome
 from gse.statistics.subject_statistics import figure_of
 from gse.values.instant import NS_PER_S
 from gse.values.limits import Limits
-from gse.values.power import PowerReading
 from gse.verdict import session_plan
 from gse.verdict.assessment import judge
 from gse.verdict.requirements import (

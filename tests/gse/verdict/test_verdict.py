@@ -27,7 +27,7 @@ from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.clock_health import clock_health, stated_error_s
 from gse.statistics.decision import Outcome, Row, share_of
 from gse.statistics.sampling import Bounds
-from gse.statistics.session_statistics import statistics
+from gse.statistics.session_statistics import PowerUse, statistics
 from gse.statistics.subject_statistics import about_circular_mean
 from gse.statistics.truth_budget import TruthUncertaintyBudget
 from gse.statistics.uncertainty import Term, combined
@@ -36,7 +36,6 @@ from gse.values.axis import AXES
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.limits import Limits
 from gse.values.mount import Mount, MountUncertainty
-from gse.values.power import PowerUse
 from gse.values.site import SiteUncertainty
 from gse.verdict.assessment import (
     _causes,
