@@ -185,11 +185,12 @@ def _equations(
     observed: Observed, columns: Predictions, state: _State
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     weighted = columns.cosines * state.precision[:, :, None]
-    normal = np.einsum("kap,kaq->pq", weighted, columns.cosines) + product(columns.mean.T, state.of_mean, columns.mean)
-    right = np.einsum("kap,ka->p", weighted, observed.cosines) + product(columns.mean.T, state.of_mean, observed.mean)
+    of_mean, of_field = product(columns.mean.T, state.of_mean), state.of_field * columns.field.T
+    normal = np.einsum("kap,kaq->pq", weighted, columns.cosines) + product(of_mean, columns.mean)
+    right = np.einsum("kap,ka->p", weighted, observed.cosines) + product(of_mean, observed.mean)
     if observed.freedom:
-        normal += product(state.of_field * columns.field.T, observed.normal, columns.field)
-        right += product(state.of_field * columns.field.T, observed.right)
+        normal += product(of_field, observed.normal, columns.field)
+        right += product(of_field, observed.right)
     return normal, right
 
 
