@@ -264,20 +264,18 @@ def run_live(
             loop = StationLoop(setup, given_orientation=given_orientation)
         asking = asking_of(station.sensor, link, loop.setup.protocol)
         power = PowerSwitch(station.power) if station.power is not None and link.is_live else None
-        derived_data = _DerivedDataRecorder(
-            loop, recorder, link, operator, duration_s=duration_s, asking=asking, power=power
-        )
+        running = _RunningSession(loop, recorder, link, operator, duration_s=duration_s, asking=asking, power=power)
         loop.session.clock_error_s = clock_error_s
         live.housekeeping = loop.session.housekeeping
         live.in_work_since_ns = lambda: loop.in_work_since_ns
         loop.listeners = make_listeners(loop, folder, live)
         if procedure is not None:
-            derived_data.begin_procedure(procedure)
+            running.begin_procedure(procedure)
         status.enter("running")
-        derived_data.take_screen(began_ns or 0)
+        running.take_screen(began_ns or 0)
         with asking or nullcontext(), power or nullcontext():
-            session = derived_data.run(first, most)
-        derived_data.close()
+            session = running.run(first, most)
+        running.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
         session.housekeeping.use_disk()
@@ -333,8 +331,12 @@ _READ_BACK_TIMES, _READ_BACK_NS = 3, 5 * instant.NS_PER_S
 """A sensor that did not answer in this time is asked again for its parameters, so often in all."""
 
 
-class _DerivedDataRecorder:
-    """Records derived data beside the bytes: identification times, clock readings, Earth orientation."""
+class _RunningSession:
+    """A session while its loop runs: all that is done between two rounds of the loop.
+
+    Derived data is recorded beside the bytes: identification times, clock readings, Earth orientation. What operator,
+    screen, supply and procedure bring gets its place among the events. ``is_over`` says when the session ends.
+    """
 
     def __init__(
         self,
