@@ -452,7 +452,7 @@ class _RunningSession:
         self._recorder.attach(PROCEDURE, "application/yaml", procedure.procedure.text.encode())
         self._loop.listeners = (*self._loop.listeners, procedure.seen)
         self._loop.take_frame = procedure.take_frame
-        procedure.begin(_Bench(self._loop, self._link, self._recorder, self._power, self._operator.ending))
+        procedure.begin(_Bench(self._loop, self._link, self._place, self._power, self._operator.ending))
         self._procedure = procedure
         procedure.desk.look = self.take_notes
 
@@ -540,9 +540,14 @@ class _Bench:
     """What the steps of a procedure act on: this session, its port, its supply."""
 
     def __init__(
-        self, loop: StationLoop, link: SerialLink, recorder: Recorder, power: PowerSwitch | None, ending: Ending
+        self,
+        loop: StationLoop,
+        link: SerialLink,
+        place: Callable[[LinkEvent], None],
+        power: PowerSwitch | None,
+        ending: Ending,
     ) -> None:
-        self._loop, self._link, self._recorder, self._power, self._ending = loop, link, recorder, power, ending
+        self._link, self._place, self._power, self._ending = link, place, power, ending
         self.session, self.protocol, self.is_live = loop.session, loop.setup.protocol, link.is_live
 
     def now(self) -> tuple[int, int]:
@@ -555,12 +560,7 @@ class _Bench:
 
     def record(self, kind: str, text: str) -> None:
         """An event of the session, now."""
-        event = LinkEvent(*self.now(), kind, text)
-        if self.is_live:
-            self._link.report(event)
-        else:
-            self._recorder.event(event)
-            self._loop.take([event])
+        self._place(LinkEvent(*self.now(), kind, text))
 
     def switch(self, *, on: bool) -> "Future[Ran] | None":
         """Switch the supply; a simulated sensor has one of its own, whatever the station file names."""
