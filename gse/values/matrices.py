@@ -4,7 +4,8 @@
 environment variable was set before numpy was loaded: too late in a notebook, or on a worker of Dask. The last bit of a
 result then decides a figure that lies half way between two printed ones. So nothing in this program uses them: here
 each sum has one order, in numpy's own loops or in compiled code without fastmath. The names are those of np.linalg,
-whose functions do the same; a test keeps the others out.
+whose functions do the same; a test keeps the others out. np.linalg.norm over an axis does not go to OpenBLAS, and is
+allowed.
 """
 
 import math
