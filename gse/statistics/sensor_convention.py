@@ -241,8 +241,10 @@ def _mean_and_change(utc_ns: NDArray[np.int64], turns: NDArray[np.float64]) -> t
     By medians of up to 20 blocks of time: single false answers do not count, and frames of one block share the errors
     of their pixels.
     """
-    blocks = np.array_split(np.argsort(utc_ns, kind="stable"), min(_BLOCKS, len(utc_ns) // 2))
-    medians = np.array([np.median(turns[block], axis=0) for block in blocks])
+    order = np.argsort(utc_ns, kind="stable")
+    size, longer = divmod(len(order), min(_BLOCKS, len(order) // 2))  # so many blocks have one more
+    parts = order[: longer * (size + 1)].reshape(-1, size + 1), order[longer * (size + 1) :].reshape(-1, size)
+    medians = np.concatenate([np.median(turns[blocks], axis=1) for blocks in parts])
     place = np.linspace(-0.5, 0.5, len(medians))
     slope = product(place, medians) / product(place, place)
     scatter = (medians - medians.mean(axis=0) - np.outer(place, slope)).std(axis=0, ddof=2)
