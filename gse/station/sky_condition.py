@@ -193,10 +193,10 @@ def condition_of(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> S
 
 
 def hides_stars(found: SkyEvidence, clear: ClearSky) -> bool:
-    """Whether a bright sky shows far fewer stars than the dark part of the session, where that is known."""
+    """Whether a bright sky shows far fewer stars than the dark part of the session, or than are expected before it."""
     if found.lights.is_dark or found.expected < FEWEST_EXPECTED:
         return False
-    return found.seen_share < DOUBTFUL_SHARE * clear.seen_share
+    return found.seen_share < (FEW_SHARE if math.isnan(clear.seen_share) else DOUBTFUL_SHARE * clear.seen_share)
 
 
 def _least_share(was_clouded: bool) -> float:

@@ -49,7 +49,9 @@ from gse.values.text import count_text
 #
 # Twilight is one from the first to the last frame in which the Sun stands above SUN_LIMIT_DEG and fewer stars are seen
 # than the dark part of the session makes expected, by more than its noise. A twilight in which all of them are seen
-# counts as night. A cloud is a stretch whose sky the stars themselves show to be clouded (gse.station.sky_condition).
+# counts as night. Where a session has no dark part, it is one from the first to the last half minute in which answers
+# are missing and fewer stars are seen than the catalogue makes expected. A cloud is a stretch whose sky the stars
+# themselves show to be clouded (gse.station.sky_condition).
 #
 # Where neither identifier finds a star for ten seconds or longer (or in all of a shorter session), something else must
 # show the reason: the Sun, empty panoramas, or stars that faded before or after. A sensor that fails under a clear and
@@ -166,8 +168,10 @@ def _twilights(frames: Columns) -> Iterator[_Stretch]:
     if not len(frames) or not (frames["sun_altitude_deg"] > SUN_LIMIT_DEG).any():
         return
     block, share, is_light = _star_shares(frames)
-    usual = _usual_share(share, is_light)
-    fewer = is_light & (share < usual)
+    fewer = is_light & (share < _usual_share(share, is_light))
+    if not _has_dark(share, is_light):  # what the dark would show is not known: stars are too few where answers fail
+        answers = np.bincount(block, frames["status"] == STATUSES.index(Status.IDENTIFIED)) / np.bincount(block)
+        fewer &= answers < 1 - _FEWER
     for part in np.split(np.arange(len(share)), np.flatnonzero(np.diff(is_light)) + 1):
         few = part[fewer[part]]
         if not len(few):
@@ -200,13 +204,17 @@ def _star_shares(frames: Columns) -> tuple[NDArray[np.int64], NDArray[np.float64
 
 
 def _usual_share(share: NDArray[np.float64], is_light: NDArray[np.bool_]) -> float:
-    """The least share of stars that is no fewer than in the dark; than in the lightest part, where nothing is dark."""
-    dark, known = share[~is_light & np.isfinite(share)], share[np.isfinite(share)]
-    if len(dark) < _FEWEST_BLOCKS:
-        return (1 - _FEWER) * float(np.percentile(known, _CLEAR_PERCENTILE)) if len(known) else math.nan
+    """The least share of stars that is no fewer than in the dark; than all, where the session has no dark part."""
+    if not _has_dark(share, is_light):
+        return 1 - _FEWER
+    dark = share[~is_light & np.isfinite(share)]
     usual = float(np.median(dark))
     spread = float(np.median(np.abs(dark - usual))) / 0.6745
     return usual - max(_FEWER * usual, _FEWER_SIGMAS * spread)
+
+
+def _has_dark(share: NDArray[np.float64], is_light: NDArray[np.bool_]) -> bool:
+    return int((~is_light & np.isfinite(share)).sum()) >= _FEWEST_BLOCKS
 
 
 def _sun_words(altitudes_deg: NDArray[np.float32]) -> str:

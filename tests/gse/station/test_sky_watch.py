@@ -269,6 +269,13 @@ def test_a_sky_whose_stars_are_seen_stays_clear_through_twilight() -> None:
     ]
 
 
+def test_the_first_stars_of_a_dusk_make_no_clear_sky() -> None:
+    """A third of what the catalogue makes expected is needed, while no dark part shows what is usual."""
+    dusk_ns = from_text("2026-03-20T11:30:00Z")
+    assert watched(rows(stars=4), begin_ns=dusk_ns)[0] == ["DAYLIGHT"]
+    assert watched(rows(stars=14), begin_ns=dusk_ns)[0] == ["DAYLIGHT", "CLEAR"]
+
+
 def test_behind_the_last_star_of_a_dawn_it_is_daylight_again() -> None:
     """Told once for each time that stars were seen: the sky is not clear because it was so half an hour ago."""
     twilight_ns, none = from_text("2026-03-20T11:30:00Z"), rows(60, stars=0, objects=0)

@@ -473,10 +473,29 @@ def test_as_many_stars_as_the_noise_of_the_dark_part_allows_are_no_fewer():
     assert stretches_s(made) == [(0.0, 299.0)]
 
 
-def test_where_nothing_is_dark_the_lightest_part_tells_what_is_usual():
+def ends_in_twilight(*, silent_until: int):
+    """Half an hour of a dusk that ends 8 deg below the horizon, when 18 of 20 stars are seen; first without answers."""
     made = dusk(1800)
-    made["sun_altitude_deg"] = -10.0
-    assert stretches_s(made) == [(0.0, pytest.approx(1450.0, abs=60))]
+    made["sun_altitude_deg"] = np.linspace(-4.0, -8.0, 1800)
+    made["status"][:silent_until] = STATUSES.index(Status.NO_MATCH)
+    return made
+
+
+def test_where_nothing_is_dark_twilight_ends_with_the_last_half_minute_that_misses_answers():
+    assert stretches_s(ends_in_twilight(silent_until=900)) == [(0.0, 899.0)]
+    assert stretches_s(ends_in_twilight(silent_until=902)) == [(0.0, pytest.approx(901.0, abs=2))]
+    assert found(ends_in_twilight(silent_until=0)) == []
+
+
+def test_a_dusk_that_ends_before_the_first_stars_are_enough_is_no_fault_of_the_sensor():
+    made = ends_in_twilight(silent_until=1800)[:700]  # 6 of 20 stars at its end
+    assert stretches_s(made) == [(0.0, 699.0)]
+
+
+def test_answers_that_are_missing_while_all_stars_are_seen_are_not_excused_by_twilight():
+    made = ends_in_twilight(silent_until=1800)
+    made["stars_seen"] = 19
+    assert found(made) == []
 
 
 def test_a_sensor_that_sends_no_panoramas_shows_no_twilight_by_its_stars():
