@@ -113,6 +113,21 @@ def test_the_readme_and_the_guide_for_contributors_give_the_same_two_commands() 
     assert readme == guide
 
 
+SCHEMAS = """
+alignment answer benchmark calibration campaign catalog ci compare conventions decode decode.try evaluation frame glance
+identifier panorama plan ports preflight protocol.check provenance report selfcheck sensor session session.copy
+session.verify sessions station status timing
+"""
+
+
+def test_names_of_schemas_are_what_programs_of_others_look_for() -> None:
+    """They do not follow a module that moves: a lab's own identifier reads gse.panorama/1 on its stdin."""
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "gse").rglob("*.py")]
+    named = {name for text in texts for name in re.findall(r'"gse\.([a-z.]+)/\d', text)}
+    assert named <= set(SCHEMAS.split())
+    assert {"panorama", "answer", "calibration", "report", "status"} <= named
+
+
 def test_the_formats_page_lists_every_kind_of_event() -> None:
     page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([A-Z_]+)` \| \S", page, re.MULTILINE)

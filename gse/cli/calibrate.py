@@ -27,7 +27,7 @@ _DIGITS = (4, 4, 4, 8, 8, 8, 8)
 
 @click.command("calibrate")
 @fit_options(
-    write_help="Write the station file with this camera and these hot pixels to a new file.", schema="gse.imaging/1"
+    write_help="Write the station file with this camera and these hot pixels to a new file.", schema="gse.calibration/1"
 )
 @click.option("--tangential", is_flag=True, help="Fit tangential distortion (p1, p2) too.")
 @click.pass_context
@@ -125,10 +125,10 @@ def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
 
 
 def calibration_report(result: SessionCalibration) -> dict[str, Any]:
-    """The JSON of schema gse.imaging/1."""
+    """The JSON of schema gse.calibration/1."""
     fitted = result.calibration
     return {
-        "schema": "gse.imaging/1",
+        "schema": "gse.calibration/1",
         **_values(fitted),
         "mirrored": fitted.camera.mirrored,
         "sigma": dict(zip(_NAMES, _rounded(fitted.sigma), strict=False)),

@@ -51,7 +51,7 @@ _LONGEST_NAME = 16
     type=click.Path(path_type=Path, dir_okay=False),
     help="Draw the objects into a new PNG of the picture, with the names of the stars where it can be identified.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.values.panorama/1.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.panorama/1.")
 def command(
     *,
     image: Path,
@@ -149,7 +149,7 @@ def _as_table(objects: "Objects", decimals: int) -> str:
 def _as_json(objects: "Objects", image: Path) -> str:
     xy_px, index = objects
     document = {
-        "schema": "gse.values.panorama/1",
+        "schema": "gse.panorama/1",
         "image": str(image),
         "xy_px": [[round(float(x), 3), round(float(y), 3)] for x, y in xy_px],
         "index": [round(float(value)) for value in index],

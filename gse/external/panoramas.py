@@ -14,7 +14,7 @@ from gse.values import instant
 from gse.values.camera import Camera
 from gse.values.panorama import Panorama
 
-PANORAMA = "gse.values.panorama/1"
+PANORAMA = "gse.panorama/1"
 SENSOR = "gse.sensor/1"
 _WHOLE_WITHIN = 1e-6
 """Counts of a wire are whole; those of a panorama table need not be."""
@@ -68,7 +68,7 @@ class SensorDescription:
         return np.array([unit.factor for unit in (self.y, self.x, self.index)])
 
     def lines(self, panoramas: Sequence[Panorama]) -> list[bytes]:
-        """The lines of schema gse.values.panorama/1, by templates: a JSON encoder takes twice as long."""
+        """The lines of schema gse.panorama/1, by templates: a JSON encoder takes twice as long."""
         objects = self.counts(panoramas).texts()
         return [
             f'{{"schema":"{PANORAMA}","frame_no":{panorama.frame_no},"utc":"{instant.to_text(panorama.utc_ns, 9)}",'

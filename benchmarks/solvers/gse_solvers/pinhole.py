@@ -1,4 +1,4 @@
-"""Objects of gse.values.panorama/1 as an ideal pinhole sees them, for solvers that know no other camera.
+"""Objects of gse.panorama/1 as an ideal pinhole sees them, for solvers that know no other camera.
 
 Imports nothing of the station: it runs in the process of an entry point.
 """

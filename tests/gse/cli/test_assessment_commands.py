@@ -63,7 +63,7 @@ def test_calibrate_finds_a_lens_that_is_one_percent_longer_and_replay_then_passe
     session = simulated(gse, folder, "wrong-focal-length")
     written = tmp_path / "calibrated.yaml"
     report = json.loads(gse("calibrate", session, "--json", "--write", written).out)
-    assert report["schema"] == "gse.imaging/1"
+    assert report["schema"] == "gse.calibration/1"
     assert report["identified_after"] == report["panoramas"] == 45
     assert report["focal_length_px"] == pytest.approx(4211.6, abs=6 * report["sigma"]["focal_length_px"])
     assert report["before"]["rms_px"] > 0

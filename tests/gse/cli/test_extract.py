@@ -133,7 +133,7 @@ def test_the_table_can_be_read_again(tmp_path: Path) -> None:
 def test_json_has_the_same_numbers(tmp_path: Path) -> None:
     result = CliRunner().invoke(command, [str(png_16(tmp_path)), "--sub-pixel", "--json"], catch_exceptions=False)
     document = json.loads(result.stdout)
-    assert document["schema"] == "gse.values.panorama/1"
+    assert document["schema"] == "gse.panorama/1"
     assert document["index"] == pytest.approx([4000 - 80, 2000 - 80, 1008 - 80], rel=0.03)
     assert np.abs(np.array(document["xy_px"]) - [[20.25, 10.25], [70.25, 30.25], [45.25, 50.25]]).max() < 0.06
 

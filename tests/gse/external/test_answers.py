@@ -115,7 +115,7 @@ def test_a_panorama_goes_out_in_wire_units_and_in_the_order_of_the_wire():
     panorama = Panorama(1_774_018_800_000_000_000, xy_px, brightness, 7, 0.1, 123_000, wire_rows=wire_rows)
     document = json.loads(*sensor.lines([panorama]))
     assert document == {
-        "schema": "gse.values.panorama/1",
+        "schema": "gse.panorama/1",
         "frame_no": 7,
         "utc": "2026-03-20T15:00:00.000000000Z",
         "time_us": 123_000,
