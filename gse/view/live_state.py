@@ -39,6 +39,7 @@ NO_SKY = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
 """Skies in which frames without an answer do not count, as in the verdict (there too only many seconds of them), and
 what is said of them instead of NO ANSWER."""
 _NO_SKY_NS = 10 * NS_PER_S
+_TWILIGHT = "daylight"
 
 SKY_COLOURS = {
     "clear": GREEN,
@@ -160,8 +161,8 @@ class _Silence:
         return _Silence(self.without_sky, self.frames + 1, self.from_ns if self.frames else utc_ns, utc_ns)
 
     def uncounted(self, sky: str) -> int:
-        """Frames that do not count below a sky of SKY_WORDS."""
-        is_long = self.until_ns - self.from_ns >= _NO_SKY_NS
+        """Frames that do not count below a sky of SKY_WORDS; all at dusk and dawn, where answers come singly."""
+        is_long = self.until_ns - self.from_ns >= _NO_SKY_NS or sky == _TWILIGHT
         return self.without_sky + (self.frames if is_long and sky in NO_SKY else 0)
 
 

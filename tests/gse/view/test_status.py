@@ -215,6 +215,14 @@ def test_a_day_does_not_count_where_the_first_answer_comes_after_the_first_star(
     assert so_far.identified == pytest.approx(100 / 110)
 
 
+def test_in_twilight_no_frame_without_an_answer_counts_though_every_second_one_has_one(session) -> None:
+    so_far = SessionSoFar(session.station.limits).with_event(LinkEvent(0, 0, StationKind.DAYLIGHT, "Sun 6 deg down"))
+    for number, frame in enumerate(synthetic_frames(200, trouble=False)):
+        shown = frame if number % 2 else replace(frame, status=Status.TOO_FEW, attitude_error=None)
+        so_far = so_far.with_rows(results_of([shown]).rows)
+    assert (so_far.without_sky, so_far.identified, so_far.outside) == (100, 1.0, ())
+
+
 def test_frames_without_an_answer_below_a_clear_sky_count(session) -> None:
     so_far = SessionSoFar(session.station.limits)
     frames = list(synthetic_frames(200, trouble=False))
