@@ -132,7 +132,9 @@ def test_ports_says_what_there_is(tmp_path: Path) -> None:
 
 def test_a_user_without_a_folder_for_machine_code_is_told_that_each_start_will_compile(tmp_path: Path) -> None:
     nowhere = dict.fromkeys(("HOME", "XDG_CACHE_HOME"), os.devnull) | {"NUMBA_CACHE_DIR": "", "PYTHONWARNINGS": ""}
-    command = [sys.executable, "-m", "gse", "preflight", "--start-utc", NIGHT, "--json"]
+    station = tmp_path / "hopeless.yaml"  # no length of session passes, so that none is simulated
+    station.write_text(f"{BUILT_IN_TEXT}limits: {{d_ra_cosde_arcsec: 1, d_de_arcsec: 1, d_roll_arcsec: 1}}\n")
+    command = [sys.executable, "-m", "gse", "preflight", "--station", station, "--start-utc", NIGHT, "--json"]
     done = subprocess.run(command, cwd=tmp_path, env=os.environ | nowhere, capture_output=True, text=True)
     (cache,) = (check for check in json.loads(done.stdout)["checks"] if check["name"] == "cache")
     assert (cache["outcome"], done.returncode) == ("WARN", 0)
