@@ -11,6 +11,7 @@ import pytest
 from devices.patience import PATIENCE_S
 
 import gse
+from gse.config.station import BUILT_IN_TEXT
 
 ROOT = Path(gse.__file__).parents[1]
 CLEAR = ROOT / "replays/golden/clear.mcap"
@@ -67,7 +68,10 @@ def test_a_session_is_reported_but_not_viewed(packages: Path, session: Path, tmp
     viewed = gse_without(packages, "view", session, "--save", "session.rrd", cwd=tmp_path)
     assert viewed.returncode == 2
     assert viewed.stderr.startswith("gse: rerun-sdk is not installed")
-    checked = gse_without(packages, "preflight", "--start-utc", "2026-03-20T15:00:00Z", cwd=tmp_path)
+    station = tmp_path / "hopeless.yaml"  # no length of session passes, so that none is simulated
+    station.write_text(f"{BUILT_IN_TEXT}limits: {{d_ra_cosde_arcsec: 1, d_de_arcsec: 1, d_roll_arcsec: 1}}\n")
+    words = ("preflight", "--station", station, "--start-utc", "2026-03-20T15:00:00Z")
+    checked = gse_without(packages, *words, cwd=tmp_path)
     assert "WARN  viewer     rerun-sdk is not installed" in checked.stdout
 
 
