@@ -49,9 +49,9 @@ from gse.values.text import count_text
 #
 # Twilight is one from the first to the last frame in which the Sun stands above SUN_LIMIT_DEG and fewer stars are seen
 # than the dark part of the session makes expected, by more than its noise. A twilight in which all of them are seen
-# counts as night. Where a session has no dark part, it is one from the first to the last half minute in which answers
-# are missing and fewer stars are seen than the catalogue makes expected. A cloud is a stretch whose sky the stars
-# themselves show to be clouded (gse.station.sky_condition).
+# counts as night. Where a session has no dark part, it is one from the first to the last half minute in which most
+# answers are missing, and some minutes more in which some are, and fewer stars are seen than the catalogue makes
+# expected. A cloud is a stretch whose sky the stars themselves show to be clouded (gse.station.sky_condition).
 #
 # Where neither identifier finds a star for ten seconds or longer (or in all of a shorter session), something else must
 # show the reason: the Sun, empty panoramas, or stars that faded before or after. A sensor that fails under a clear and
@@ -82,6 +82,8 @@ _MOST_SEEN = 0.9
 """Where more of the frames are named, stars that are missing and not faint are no cloud."""
 _FEWER, _FEWER_SIGMAS = 0.1, 3.0
 """In twilight fewer stars are seen where this share of the usual ones is missing, and as many standard deviations."""
+_MOSTLY = 0.5
+"""A twilight without a dark part beside it begins where less than this share of the frames is named."""
 
 
 def no_sky(frames: Columns, site: Site, *, starlit: bool = False) -> tuple[Exclusion, ...]:
@@ -169,13 +171,16 @@ def _twilights(frames: Columns) -> Iterator[_Stretch]:
         return
     block, share, is_light = _star_shares(frames)
     fewer = is_light & (share < _usual_share(share, is_light))
+    blind = fewer
     if not _has_dark(share, is_light):  # what the dark would show is not known: stars are too few where answers fail
         answers = np.bincount(block, frames["status"] == STATUSES.index(Status.IDENTIFIED)) / np.bincount(block)
-        fewer &= answers < 1 - _FEWER
+        blind, fewer = fewer & (answers < _MOSTLY), fewer & (answers < 1 - _FEWER)
     for part in np.split(np.arange(len(share)), np.flatnonzero(np.diff(is_light)) + 1):
-        few = part[fewer[part]]
+        few = part[blind[part]]
         if not len(few):
             continue
+        edge = _BREAKING_NS // _BLOCK_NS
+        few = part[fewer[part] & (part >= few[0] - edge) & (part <= few[-1] + edge)]
         rows = np.flatnonzero((block >= few[0]) & (block <= few[-1]))
         first, last = int(rows[0]), int(rows[-1])
         seen, expected = (np.nan_to_num(frames[name][first : last + 1]) for name in ("stars_seen", "stars_expected"))

@@ -69,7 +69,7 @@ def test_the_field_is_a_students_t_of_its_stars(freedom):
 
 
 def test_slow_noise_is_weighed_over_all_shapes_with_their_scale_left_open():
-    _, inverses, _, prior = _shapes(K)
+    _, inverses, _, _, prior = _shapes(K)
     logs = prior[:, None] + 0.5 * np.log(inverses).sum(axis=1)[:, None]
     of = [logs - K / 2 * np.log(inverses @ cosines**2) for cosines in (SLOW, NOISE)]
     expected = 2 * (logsumexp(of[0], axis=0) - logsumexp(of[1], axis=0)).sum()
@@ -78,7 +78,7 @@ def test_slow_noise_is_weighed_over_all_shapes_with_their_scale_left_open():
 
 @pytest.mark.parametrize("errors", [SLOW, NOISE])
 def test_slow_noise_that_a_cause_leaves_is_believed_without_the_cause_too(errors):
-    _, inverses, _, prior = _shapes(K)
+    _, inverses, _, _, prior = _shapes(K)
     left, without = (
         0.5 * np.log(inverses).sum(axis=1)[:, None] - K / 2 * np.log(inverses @ cosines**2)
         for cosines in (errors, SLOW)
@@ -96,7 +96,7 @@ def test_only_slow_noise_that_is_left_speaks_against_a_cause():
 
 
 def test_half_of_the_belief_is_in_white_noise_and_the_rest_is_shared_evenly():
-    first, inverses, logs, prior = _shapes(K)
+    first, inverses, _, logs, prior = _shapes(K)
     assert first[0] == 1
     assert (inverses[0] == 1).all()
     assert np.exp(prior) == pytest.approx([0.5, *[0.5 / (len(prior) - 1)] * (len(prior) - 1)])
@@ -164,7 +164,7 @@ def test_slow_noise_has_sixteen_correlation_times_and_twelve_strengths():
 
     The spectrum at zero is 1 and the strength times the variance of a session's mean.
     """
-    first, inverses, logs, _ = _shapes(8)
+    first, inverses, _, logs, _ = _shapes(8)
     assert [len(one) for one in (first, inverses, logs)] == [1 + 16 * 12] * 3
     assert inverses.shape[1] == 8
     of_mean = (first[1:, 0] - 1).reshape(16, 12)
