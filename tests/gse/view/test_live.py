@@ -82,6 +82,7 @@ def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, se
     live = LiveState(session.station)
     with live.add(RerunFeed(live, serve=False, save_rrd=path, queue_frames=10)) as view:
         live.on_results(results_of(frames), session)
+    assert ended_view_threads()
     shown = len(moving(rows_of(path)["/d_ra/value"]))
     assert view.dropped > 0
     assert shown + view.dropped == FRAMES
@@ -94,6 +95,7 @@ def test_what_was_dropped_is_told_in_the_panel(frames, session, tmp_path: Path) 
     for frame in frames:
         live.on_results(results_of([frame]), session)
     view.close()
+    assert ended_view_threads()
     assert "not shown here:" in moving(rows_of(path)["/verdict"])[-1]["TextDocument:text"][0]
 
 
