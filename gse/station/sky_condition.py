@@ -45,6 +45,8 @@ them."""
 """Of the share of stars that is seen in the clear: below the first a cloud covers the field, above the second none."""
 FEW_SHARE = 1 / 3
 """Share of the expected stars below which no sky is clear, whatever the session has shown so far."""
+ENOUGH_SHARE = 0.5
+"""And from which a twilight is a clear sky, while no dark part of the session shows what is usual."""
 FEWEST_EXPECTED = 10
 """Fewer expected stars do not tell a share."""
 FEWEST_OBJECTS = 3
@@ -189,14 +191,16 @@ def condition_of(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> S
         least = max(FEW_SHARE, _least_share(was_clouded) * clear.seen_share)
         if found.misses_stars and _share_under_cloud(found, clear) < least:
             return SkyCondition.CLOUDED
-    return SkyCondition.DAYLIGHT if hides_stars(found, clear) else SkyCondition.CLEAR
+    return SkyCondition.DAYLIGHT if _hides_stars(found, clear, before) else SkyCondition.CLEAR
 
 
-def hides_stars(found: SkyEvidence, clear: ClearSky) -> bool:
+def _hides_stars(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> bool:
     """Whether a bright sky shows far fewer stars than the dark part of the session, or than are expected before it."""
     if found.lights.is_dark or found.expected < FEWEST_EXPECTED:
         return False
-    return found.seen_share < (FEW_SHARE if math.isnan(clear.seen_share) else DOUBTFUL_SHARE * clear.seen_share)
+    if math.isnan(clear.seen_share):
+        return found.seen_share < (ENOUGH_SHARE if before is SkyCondition.DAYLIGHT else FEW_SHARE)
+    return found.seen_share < DOUBTFUL_SHARE * clear.seen_share
 
 
 def _least_share(was_clouded: bool) -> float:

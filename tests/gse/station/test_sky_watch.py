@@ -270,16 +270,17 @@ def test_a_sky_whose_stars_are_seen_stays_clear_through_twilight() -> None:
 
 
 def test_the_first_stars_of_a_dusk_make_no_clear_sky() -> None:
-    """A third of what the catalogue makes expected is needed, while no dark part shows what is usual."""
-    dusk_ns = from_text("2026-03-20T11:30:00Z")
-    assert watched(rows(stars=4), begin_ns=dusk_ns)[0] == ["DAYLIGHT"]
-    assert watched(rows(stars=14), begin_ns=dusk_ns)[0] == ["DAYLIGHT", "CLEAR"]
+    """Half of those that the catalogue makes expected are, while no dark part shows what is usual; a third keeps it."""
+    dusk_ns, few, enough, fewer = from_text("2026-03-20T11:30:00Z"), rows(stars=4), rows(stars=18), rows(stars=12)
+    assert watched(few, fewer, begin_ns=dusk_ns)[0] == ["DAYLIGHT"]
+    assert watched(enough, fewer, enough, begin_ns=dusk_ns)[0] == ["DAYLIGHT", "CLEAR"]
+    assert watched(enough, few, begin_ns=dusk_ns)[0] == ["DAYLIGHT", "CLEAR", "DAYLIGHT"]
 
 
 def test_behind_the_last_star_of_a_dawn_it_is_daylight_again() -> None:
     """Told once for each time that stars were seen: the sky is not clear because it was so half an hour ago."""
     twilight_ns, none = from_text("2026-03-20T11:30:00Z"), rows(60, stars=0, objects=0)
-    kinds, conditions = watched(rows(stars=14), none, rows(stars=14), none, begin_ns=twilight_ns)
+    kinds, conditions = watched(rows(stars=18), none, rows(stars=18), none, begin_ns=twilight_ns)
     assert kinds == ["DAYLIGHT", "CLEAR", "DAYLIGHT", "CLEAR", "DAYLIGHT"]
     assert conditions[-1] is SkyCondition.DAYLIGHT
 
