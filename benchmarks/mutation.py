@@ -81,7 +81,7 @@ ROOMS = {
     ),
 }
 WITHOUT = ("tests/gse/sessions/test_golden_replays.py",)
-COPIED = ("gse", "drivers", "protocols", "tests", "replays", "docs", "pyproject.toml", "README.md")
+COPIED = ("gse", "drivers", "protocols", "tests", "replays", "docs", "benchmarks", "pyproject.toml", "README.md")
 KEYWORDS_LEFT_ALONE = {"strict", "order", "maxsize"}
 LIBRARIES = (
     "pytest",
@@ -371,7 +371,7 @@ def coverage_of(tree: Path, folders: list[str], kept: Path | None) -> Coverage:
     """Run the tests of folders once, in a process of its own, unless what they gave was ``kept``."""
     found_in = kept or tree / "map.json"
     if not found_in.exists():
-        subprocess.run([sys.executable, __file__, "--map", str(tree), *folders], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([sys.executable, __file__, "--map", str(tree), *folders], check=True, stdout=sys.stderr)
         if kept:
             shutil.copy(tree / "map.json", kept)
     found = json.loads(found_in.read_text())
@@ -409,7 +409,9 @@ def write_map(tree: Path, folders: list[str]) -> None:
     watch = Watch()
     options = ["-n", "0", "-q", "--hypothesis-profile", "ci"]
     without = [f"--deselect={name}" for name in WITHOUT]
-    pytest.main([*options, *without, *folders], plugins=[watch])
+    code = pytest.main([*options, *without, *folders], plugins=[watch])
+    if code not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+        sys.exit(f"the tests could not run (pytest ended with {code}): no mutant would meet one; see above")
     for name in watch.failed:
         print(f"left out, since it fails without any mutant: {name}", file=sys.stderr)
         watch.seconds.pop(name, None)
