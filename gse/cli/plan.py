@@ -55,13 +55,16 @@ def _of_session(path: Path, *, as_json: bool) -> int:
 
 
 def _headline(assessment: "Assessment", left_min: float) -> str:
+    from gse.verdict.session_plan import lacks_sky
+
     if left_min == 0:
         return f"{assessment.word}: it is decided"
     if math.isfinite(left_min):
         return f"{assessment.word}: {_more_minutes(left_min)} would have decided"
     if math.isnan(left_min):
         return f"{assessment.word}: too short to tell how long it must be"
-    return "\n".join([f"{assessment.word}: no length can be named that decides", *assessment.reasons])
+    which = "no length of such a sky decides" if lacks_sky(assessment) else "no length can be named that decides"
+    return "\n".join([f"{assessment.word}: {which}", *assessment.reasons])
 
 
 def _left(minutes: float) -> dict[str, Any]:

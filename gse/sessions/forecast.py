@@ -113,12 +113,14 @@ def snapshot(session: SessionData) -> SessionData:
 def forecast_text(assessment: "Assessment") -> str:
     """When a verdict is to be expected, in a line."""
     from gse.statistics.decision import Claim
-    from gse.verdict.session_plan import minutes_left, rows_left
+    from gse.verdict.session_plan import lacks_sky, minutes_left, rows_left
 
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
     if assessment.reasons and assessment.reasons[0].startswith(_SET_UP):
         return f"no verdict as it goes: {': '.join(assessment.reasons[0].split(': ')[:2])}"
+    if lacking := lacks_sky(assessment):
+        return f"no verdict as it goes: {lacking}"
     left = rows_left(assessment)
     if not any(item.requirement.claim is Claim.ACCURACY for item in left):
         return "no verdict as it goes: no answer was compared with truth"

@@ -131,6 +131,12 @@ class Statistics:
     names: NamedStars | None = None
 
     @property
+    def judged_s(self) -> float:
+        """Seconds of the session that count: a longer one is as many times as long in these, not in its twilights."""
+        counts = self.counted.expected | self.counted.used
+        return self.duration_s * float(counts.mean()) if len(counts) else 0.0
+
+    @property
     def counts_any(self) -> bool:
         """Whether there is a frame whose time is known and that must have an answer."""
         return bool((self.counted.expected & ~self.counted.excluded).any())

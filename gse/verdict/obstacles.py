@@ -12,6 +12,7 @@ counts. A sensor's answer that belongs to no panorama, or is not its last word o
 """
 
 import math
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -56,6 +57,8 @@ and again was away."""
 
 NOTHING_COMPARED = "nothing can pass: dRA*, dDE, availability and false answers are needed, and no subject has all"
 
+NO_SKY_WORDS = re.compile(r"no sky in \d+ of \d+ frames|(?:the only frame is|all \d+ frames are) left out: no sky")
+"""How a reason begins that says that there was too little sky."""
 NO_TRUTH = (
     "no truth: the station file says subject: sensor, so that only availability, noise and jumps of its answers show"
 )

@@ -101,7 +101,7 @@ class ByBounds:
         """The row of one subject."""
         return judge_figure(
             asked,
-            self.figure(case.subject, case.statistics.duration_s),
+            self.figure(case.subject, case.statistics.judged_s),
             truth_uncertainty=case.truth_standard(self.truth),
             relative=case.relative,
         )
@@ -297,7 +297,7 @@ class ByRate(_OfSession):
         lower, upper = (max((getattr(of, end) for _, of in sizes), default=math.nan) for end in ("lower", "upper"))
         bounds = NO_BOUNDS if any(math.isnan(of.upper) for _, of in sizes) else Bounds(lower=lower, upper=upper)
         n_eff, values = (min((getattr(rate, of) for rate in rates), default=0) for of in ("n_eff", "values"))
-        figure = Figure(value, bounds, n_eff, values, case.statistics.duration_s)
+        figure = Figure(value, bounds, n_eff, values, case.statistics.judged_s)
         truth = EARTH_RATE_ARCSEC_PER_S * case.truth_standard(self.truth) / ARCSEC_PER_RAD
         return judge_figure(asked, figure, truth_uncertainty=truth, relative=case.relative)
 

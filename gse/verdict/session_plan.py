@@ -15,6 +15,7 @@ from gse.statistics.decision import Outcome, Row
 from gse.values.axis import AXES
 from gse.values.limits import Limits
 from gse.verdict.assessment import Assessment
+from gse.verdict.obstacles import NO_SKY_WORDS
 from gse.verdict.planning import NEVER, figure_length
 from gse.verdict.requirements import REQUIREMENTS, ExpectedSession, Requirement, RowPlan, requirement_of
 
@@ -105,8 +106,14 @@ def minutes_left(assessment: Assessment) -> float:
     left = [item.minutes for item in rows_left(assessment)]
     if any(map(math.isnan, left)):
         return math.nan
-    # What stands against a verdict beside the rows does not go away by itself.
-    return max(left, default=0.0) or NEVER
+    # What stands against a verdict beside the rows does not go away by itself; the same sky has as little of it.
+    return NEVER if lacks_sky(assessment) else max(left, default=0.0) or NEVER
+
+
+def lacks_sky(assessment: Assessment) -> str:
+    """In how many frames there was no sky, in words, where these are too many for a verdict; else empty."""
+    found = (NO_SKY_WORDS.match(reason) for reason in assessment.reasons)
+    return next((one[0] for one in found if one), "")
 
 
 def rows_left(assessment: Assessment) -> tuple[RowLeft, ...]:
@@ -114,4 +121,4 @@ def rows_left(assessment: Assessment) -> tuple[RowLeft, ...]:
     stats = assessment.statistics
     tested = [(requirement_of(row), row) for row in assessment.rows if row.outcome is not Outcome.NOT_TESTED]
     left = [(requirement, row, requirement.times_left(row, stats.subjects[row.subject])) for requirement, row in tested]
-    return tuple(RowLeft(requirement, row, times, times * stats.duration_s / 60) for requirement, row, times in left)
+    return tuple(RowLeft(requirement, row, times, times * stats.judged_s / 60) for requirement, row, times in left)

@@ -11,8 +11,13 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 
 from drivers.clock import read_clock
 from gse.sessions.forecast import Forecast, forecast_text, snapshot
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
+from gse.station.session_data import SessionData
 from gse.station.star_names import STAR_NAME, StarNames
+from gse.values.axis import AXES
 from gse.verdict.assessment import judge
+from gse.verdict.session_plan import rows_left
 from gse.view.glance import Glance
 from gse.view.live_state import LiveState
 from protocols import StarsMessage
@@ -58,6 +63,30 @@ def test_a_session_without_an_answer_has_no_verdict_ahead_of_it() -> None:
     session.frames.columns["d_ra_cosde_arcsec"] = session.frames.columns["d_de_arcsec"] = np.nan
     session.frames.columns["d_roll_arcsec"] = np.nan
     assert forecast_text(judge(session)).startswith("no verdict as it goes")
+
+
+def dusk(frames: int, light: int) -> SessionData:
+    """A night whose first frames are of a bright sky without a star."""
+    session = synthetic_night(frames)
+    first = session.frames.columns.rows()[:light]
+    first["status"], first["answer_check"] = STATUSES.index(Status.TOO_FEW), ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    first["objects"] = first["stars_seen"] = 0
+    first["sun_altitude_deg"] = -5.0
+    for axis in AXES:
+        first[axis.column] = np.nan
+    for name in first.dtype.names or ():
+        session.frames.columns[name][:light] = first[name]
+    return session
+
+
+def test_a_dusk_has_no_verdict_ahead_of_it_and_says_why() -> None:
+    assert forecast_text(judge(dusk(1000, 600))) == "no verdict as it goes: no sky in 600 of 1000 frames"
+
+
+def test_what_is_left_is_counted_in_the_part_that_had_a_sky() -> None:
+    """Of 0 false answers at a limit of 1 % 299 are needed, at 10 a second: 200 are there, and 100 more take 10 s."""
+    left = {item.row.name: item.minutes for item in rows_left(judge(dusk(1000, 800)))}
+    assert left["false answers"] == pytest.approx(99 / 600, rel=0.1)
 
 
 def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:

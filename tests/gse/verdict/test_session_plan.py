@@ -259,8 +259,8 @@ def test_each_row_is_decided_by_its_own_share_or_figure(row, times):
 
 
 def judged(*rows, verdict=Verdict.INCONCLUSIVE):
-    statistics = SimpleNamespace(duration_s=600.0, subjects={Subject.ONBOARD: SUBJECT})
-    return SimpleNamespace(verdict=verdict, statistics=statistics, rows=rows)
+    statistics = SimpleNamespace(judged_s=600.0, subjects={Subject.ONBOARD: SUBJECT})
+    return SimpleNamespace(verdict=verdict, statistics=statistics, rows=rows, reasons=())
 
 
 FALSE, SLOW = row_of("false answers", limit=0.02), row_of(TIME)
@@ -294,7 +294,9 @@ def test_rows_that_were_not_tested_are_left_out():
 
 def seen(*, available, u=1.0, duration_s=600.0, frames=1201):
     subject = SimpleNamespace(subject=Subject.ONBOARD, available=available)
-    statistics = SimpleNamespace(duration_s=duration_s, frames=frames, subjects={Subject.ONBOARD: subject})
+    statistics = SimpleNamespace(
+        duration_s=duration_s, judged_s=duration_s, frames=frames, subjects={Subject.ONBOARD: subject}
+    )
     figures = {"dRA*": (900.0, 1.0), "dDE": (1000.0, 1.0), "roll": (1100.0, u)}
     rows = [
         row_of(

@@ -811,7 +811,7 @@ def rows_of(subject=Subject.ONBOARD, *, star_fields=0, lost=0, relative=False, *
     )
     counted = SimpleNamespace(expected=np.arange(1000) < 1000 - lost)
     stats = SimpleNamespace(
-        duration_s=600.0, frames_expected=1000, counted=counted, power=PowerUse(), rates=(), names=None
+        judged_s=600.0, frames_expected=1000, counted=counted, power=PowerUse(), rates=(), names=None
     )
     budget = budget_of(3.0, 4.0, own_arcsec=12.0)
     case = Case(given, stats, budget, Limits(**limits), relative)
