@@ -492,6 +492,14 @@ def test_a_dusk_that_ends_before_the_first_stars_are_enough_is_no_fault_of_the_s
     assert stretches_s(made) == [(0.0, 699.0)]
 
 
+@pytest.mark.parametrize(("until", "ends_s"), [(960, 957.0), (1080, 1029.0)])
+def test_answers_that_are_missing_up_to_two_minutes_after_such_a_dusk_belong_to_it(until, ends_s):
+    """Every third one is, by half minutes; the ten seconds at the edge of any stretch come on top."""
+    made = ends_in_twilight(silent_until=900)
+    made["status"][900:until:3] = STATUSES.index(Status.NO_MATCH)
+    assert stretches_s(made) == [(0.0, pytest.approx(ends_s, abs=3))]
+
+
 def test_answers_that_are_missing_while_all_stars_are_seen_are_not_excused_by_twilight():
     made = ends_in_twilight(silent_until=1800)
     made["stars_seen"] = 19
