@@ -3,8 +3,6 @@
 import contextlib
 import json
 import os
-import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,19 +17,27 @@ from devices.terminal import Terminal
 from gse.cli import EXIT_INCONCLUSIVE
 from gse.config.station import BUILT_IN_TEXT
 
-FAKETIME = shutil.which("faketime") or ""
-pytestmark = pytest.mark.skipif(not FAKETIME, reason="faketime is not installed")
-# Python waits on the monotonic clock, which faketime does not shift without breaking its timeouts.
-ENVIRONMENT = {**os.environ, "DONT_FAKE_MONOTONIC": "1"}
+# The library itself: the command ``faketime`` leaves a named semaphore behind wherever it is killed, and one of a later
+# run that happens to get its process number ends at once.
+FAKETIME = next(iter(sorted(Path("/usr/lib").glob("*/faketime/libfaketime.so.1"))), None)
+pytestmark = pytest.mark.skipif(FAKETIME is None, reason="faketime is not installed")
 
 
-def at(offset: str, *words: object) -> list[str]:
-    return [FAKETIME, "-f", offset, sys.executable, "-m", "gse", *map(str, words)]
+def gse(*words: object) -> list[str]:
+    return [sys.executable, "-m", "gse", *map(str, words)]
+
+
+def at(offset: str) -> dict[str, str]:
+    """The environment of a process whose clock is so far away.
+
+    Python waits on the monotonic clock, which faketime does not shift without breaking its timeouts.
+    """
+    return {**os.environ, "LD_PRELOAD": str(FAKETIME), "FAKETIME": offset, "DONT_FAKE_MONOTONIC": "1"}
 
 
 def preflight_at(offset: str, *words: object) -> dict[str, str]:
-    command = at(offset, "preflight", "--json", *words)
-    answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    command = gse("preflight", "--json", *words)
+    answer = subprocess.run(command, env=at(offset), capture_output=True, text=True, check=False)
     found: dict[str, str] = next(item for item in json.loads(answer.stdout)["checks"] if item["name"] == "earth")
     return found
 
@@ -49,14 +55,15 @@ def midnight_station(tmp_path: Path) -> Path:
 @contextlib.contextmanager
 def emulated(offset: str, station: Path) -> Iterator[str]:
     """An emulated sensor on a pty, its sky that of the date; gives the port's name."""
-    command = at(offset, "emulate", "--pty", "--station", station)
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, env=ENVIRONMENT, start_new_session=True, **pipes) as process:
+    command = gse("emulate", "--pty", "--station", station)
+    with subprocess.Popen(command, env=at(offset), stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
-            yield process.stdout.readline().decode().strip()
+            port = process.stdout.readline().strip()
+            assert port, "the emulated sensor has ended"
+            yield port
         finally:
-            os.killpg(process.pid, signal.SIGTERM)  # faketime does not hand a signal on
+            process.terminate()
 
 
 @pytest.fixture
@@ -82,13 +89,13 @@ def test_a_session_in_four_years_is_recorded_and_its_truth_is_as_wide_as_it_is_u
 ) -> None:
     with emulated("+4y", midnight_station) as port:
         words = ("--station", midnight_station, "--port", port, "--clock-error", "1ms", "--json")
-        command = at("+4y", "run", *words, "--no-plots", "--out", tmp_path / "out")
+        command = gse("run", *words, "--no-plots", "--out", tmp_path / "out")
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        with subprocess.Popen(command, env=ENVIRONMENT, start_new_session=True, text=True, **pipes) as running:
+        with subprocess.Popen(command, env=at("+4y"), text=True, **pipes) as running:
             try:
                 LiveSession(tmp_path / "out").await_frames(20)
             finally:
-                os.killpg(running.pid, signal.SIGTERM)
+                running.terminate()
             out, err = running.communicate()
     report = json.loads(out)
     assert report["identification"]["statuses"]["IDENTIFIED"] > 10
@@ -106,15 +113,13 @@ def test_a_clock_that_falls_back_to_1970_in_a_session_lengthens_it_by_nothing(
     terminal = Terminal(tmp_path / "tty")
     words = ("--station", midnight_station, "--port", terminal.path, "--duration", "5", "--no-plots")
     # Under a clock that went back faketime never ends a sleep; waiting for git may sleep, so none is found.
-    environment = {**ENVIRONMENT, "FAKETIME_START_AFTER_SECONDS": "5", "PATH": ""}
     in_april_1970 = f"-{(datetime.now(UTC) - datetime(1970, 4, 11, tzinfo=UTC)).days}d"
-    command = at(in_april_1970, "run", *words, "--out", tmp_path / "out")
-    with subprocess.Popen(command, env=environment, start_new_session=True) as running:
+    environment = {**at(in_april_1970), "FAKETIME_START_AFTER_SECONDS": "5", "PATH": ""}
+    with subprocess.Popen(gse("run", *words, "--out", tmp_path / "out"), env=environment) as running:
         try:
             assert running.wait(PATIENCE_S) == EXIT_INCONCLUSIVE
         finally:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(running.pid, signal.SIGKILL)
+            running.kill()
     terminal.unplug()
     status = LiveSession(tmp_path / "out").status()
     assert (status["state"], status["utc"][:4]) == ("ended", "1970")
