@@ -1,10 +1,12 @@
 """The program: ``gse``, and ``python -m gse``."""
 
+import _thread
 import atexit
 import gc
 import os
 import signal
 import sys
+import threading
 import warnings
 from typing import Any
 
@@ -16,6 +18,9 @@ _OLDEST_PYTHON = (3, 11)
 _TURN_S = 1e-4
 """Longest that a thread works in Python while another one waits: by default 5 ms, which is more than a panorama takes,
 so that its answer went out only after all that follows on it."""
+
+_AFTER_S = 0.01
+"""A destructor takes less."""
 
 
 def main() -> None:
@@ -30,6 +35,7 @@ def main() -> None:
     _share_one_allocator()
     _leave_warnings_to_developers()
     atexit.register(_leave_garbage)
+    sys.unraisablehook = keep_interrupts
     terminal.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
     before = _let_ctrl_c_end_at_once()
     try:
@@ -51,6 +57,17 @@ def _let_ctrl_c_end_at_once() -> Any:
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))
     return before
+
+
+def keep_interrupts(what: Any) -> None:
+    """The hook for errors that nobody can catch: a Ctrl-C within a destructor or a callback comes again after it.
+
+    Python would show it as a traceback and go on. Not at once, which would be within this hook.
+    """
+    if issubclass(what.exc_type, KeyboardInterrupt):
+        threading.Timer(_AFTER_S, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(what)
 
 
 def _share_one_allocator() -> None:

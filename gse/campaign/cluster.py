@@ -84,11 +84,27 @@ def _ended_in_order() -> Iterator[None]:
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """A block whose new threads, and the processes that these start, get no Ctrl-C and no hang-up of the terminal.
+def _uninterrupted() -> Iterator[None]:
+    """A block in which Dask begins or ends: a signal that comes takes effect after it.
 
-    These are for this process, which ends the others; one that comes in the block takes effect after it.
+    Its new threads, and the processes that these start, get no Ctrl-C and no hang-up of the terminal, which are for
+    this process: it ends the others. A termination is only put off, since Dask ends workers by one.
     """
+    came: list[int] = []
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    on_termination = signal.signal(signal.SIGTERM, lambda number, _: came.append(number)) if in_main_thread else None
+    try:
+        with _interrupts_blocked():
+            yield
+    finally:
+        if in_main_thread:
+            signal.signal(signal.SIGTERM, on_termination)
+    for number in came:
+        signal.raise_signal(number)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -106,14 +122,15 @@ def _interrupts_blocked() -> Iterator[None]:
 def _own(workers: int) -> Iterator[Client]:
     """Workers of this machine share its memory: Dask's default limit is each one's share."""
     with dask.config.set(_NO_PAGES | _NO_PROFILE | _PATIENT):
-        with _interrupts_blocked():
+        with _uninterrupted():
             local = _started(workers)
+            client = Client(local, set_as_default=False)
         try:
-            with Client(local, set_as_default=False) as client:
-                yield client
+            yield client
         finally:
             # A worker that does not end in time, on a busy host, ends with this process; its work is done.
-            with suppress(TimeoutError):
+            with _uninterrupted(), suppress(TimeoutError):
+                client.close()
                 local.close()
 
 

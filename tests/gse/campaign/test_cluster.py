@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -167,6 +168,17 @@ def test_a_campaign_that_is_interrupted_says_one_line_and_leaves_whole_sessions(
     assert [line.split(";")[0] for line in lines if not line.startswith("judging")] == ["interrupted"]
     assert started.process.wait() == 130
     assert 1 <= len(whole(tmp_path / "dataset")) <= 4
+
+
+def test_a_campaign_that_is_terminated_while_its_workers_start_says_one_line_too(nights, tmp_path):
+    command = (sys.executable, "-m", "gse", "campaign", "judge", nights, "--to", tmp_path / "dataset", "--workers", "1")
+    started = start(*command, log=tmp_path / "log")
+    command_line = psutil.Process(started.process.pid)
+    while not any("spawn_main" in " ".join(child.cmdline()) for child in command_line.children()):
+        time.sleep(0.01)
+    started.process.terminate()
+    assert [line.split(";")[0] for line in lines_of(tmp_path / "log", started)] == ["interrupted"]
+    assert started.process.wait() == 130
 
 
 def test_workers_that_cannot_start_are_told_in_one_line(nights, tmp_path):
