@@ -26,6 +26,7 @@ _CLOCK_STEP = f"{CLOCK_REMEDY}; for this session: gse report SESSION --clock-err
 _CLOCK_WORD = "the error of the clock is not known"
 _SILENT_STEP = "look at power, cable and port, and whether the sensor must be started: gse preflight --station FILE"
 _UNREADABLE_STEP = "find the protocol: gse decode --try SESSION"
+_COPY_STEP = "take a copy of the session file that is longer; if there is none, look at power, cable and port"
 _LINE_STEP = "look at what did not arrive whole, then at cable and baud rate: gse decode SESSION --discards"
 _STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
 _PROCEDURE_STEP = "see to what the step says, and run it again"
@@ -141,6 +142,8 @@ def _without_frames(report: dict[str, Any]) -> str:
     link = report["link"]
     received = f"{link['bytes_in']:,} bytes"
     if not link["bytes_in"]:
+        if link["truncated"]:
+            return "nothing is left in the session file, which lost its end: whether anything came is not known"
         return "nothing came: not one byte was received"
     if link["bytes_discarded"] == link["bytes_in"]:
         return f"{received}, and no valid frame in them"
@@ -186,6 +189,12 @@ def _found(report: dict[str, Any]) -> tuple[str, str, list[str]]:
     return cause, "", [step] if step else steps
 
 
+def _empty_step(link: dict[str, Any]) -> str:
+    if link["bytes_in"]:
+        return _UNREADABLE_STEP
+    return _COPY_STEP if link["truncated"] else _SILENT_STEP
+
+
 def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[str]:
     """What to do, the most useful first; ``steps`` are those of the causes."""
     steps = list(_found(report)[2] if steps is None else steps)
@@ -196,7 +205,7 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
     if report.get("external_identifier", {}).get("failures"):
         steps.append(_STDERR_STEP)
     if not report["identification"]["frames"] and not steps:
-        steps.append(_UNREADABLE_STEP if report["link"]["bytes_in"] else _SILENT_STEP)
+        steps.append(_empty_step(report["link"]))
     if not steps and _saw_no_sky(report):
         steps.append(_NIGHT_STEP)
     if not steps and _was_blind(report):

@@ -128,6 +128,10 @@ def test_bytes_without_a_frame_are_named_as_what_they_are(cloudy) -> None:
     silent = conclusion(junk)
     assert silent["reason"] == "nothing came: not one byte was received"
     assert silent["next"].startswith("look at power, cable and port")
+    junk["link"]["truncated"] = True
+    cut = conclusion(junk)
+    assert cut["reason"].startswith("nothing is left in the session file, which lost its end")
+    assert cut["next"].startswith("take a copy of the session file that is longer")
 
 
 def test_a_clock_of_unknown_error_is_the_cause_where_nothing_gross_is_and_its_remedy_is_the_first_step(cloudy) -> None:
