@@ -1,12 +1,10 @@
 """The program: ``gse``, and ``python -m gse``."""
 
-import _thread
 import atexit
 import gc
 import os
 import signal
 import sys
-import threading
 import warnings
 from typing import Any
 
@@ -19,23 +17,19 @@ _TURN_S = 1e-4
 """Longest that a thread works in Python while another one waits: by default 5 ms, which is more than a panorama takes,
 so that its answer went out only after all that follows on it."""
 
-_AFTER_S = 0.01
-"""A destructor takes less."""
-
 
 def main() -> None:
     """Run the command line; Ctrl-C before it begins and after it has ended ends the program without a word."""
     if sys.version_info < _OLDEST_PYTHON:  # before anything of ours is imported that such a Python cannot read
         sys.stderr.write(f"gse: Python 3.11 or newer is needed; this is {sys.version.split()[0]}\n")
         sys.exit(_EXIT_USAGE)
-    from gse.process import terminal
+    from gse.process import interrupts, terminal
 
     gc.set_threshold(300_000)  # new objects between searches for garbage; with 700, a replay takes 6 to 20 % longer
     sys.setswitchinterval(_TURN_S)
     _share_one_allocator()
     _leave_warnings_to_developers()
     atexit.register(_leave_garbage)
-    sys.unraisablehook = keep_interrupts
     terminal.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
     before = _let_ctrl_c_end_at_once()
     try:
@@ -44,6 +38,7 @@ def main() -> None:
         sys.exit(_said_of_package(error))
 
     signal.signal(signal.SIGINT, before)
+    interrupts.start()
     try:
         command_line()
     finally:
@@ -54,20 +49,9 @@ def main() -> None:
 def _let_ctrl_c_end_at_once() -> Any:
     """While packages are imported, and while Python ends, Ctrl-C would show a traceback; what it did before."""
     before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:
+    if callable(before):  # not where it is ignored
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))
     return before
-
-
-def keep_interrupts(what: Any) -> None:
-    """The hook for errors that nobody can catch: a Ctrl-C within a destructor or a callback comes again after it.
-
-    Python would show it as a traceback and go on. Not at once, which would be within this hook.
-    """
-    if issubclass(what.exc_type, KeyboardInterrupt):
-        threading.Timer(_AFTER_S, _thread.interrupt_main).start()
-    else:
-        sys.__unraisablehook__(what)
 
 
 def _share_one_allocator() -> None:

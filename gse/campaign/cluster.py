@@ -24,6 +24,7 @@ from distributed.scheduler import KilledWorker
 from gse.errors import CampaignError, UsageError
 from gse.evaluation.monte_carlo import Evaluator, tasks
 from gse.evaluation.plan import FrameOutcome, Plan
+from gse.process.interrupts import interrupt
 from gse.report.provenance import software_sha256
 
 LOOPBACK = "127.0.0.1"
@@ -75,7 +76,7 @@ def _ended_in_order() -> Iterator[None]:
     names = (name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
     numbers = [signal.Signals[name] for name in names if signal.getsignal(signal.Signals[name]) is signal.SIG_DFL]
     for number in numbers:
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, interrupt)
     try:
         yield
     finally:

@@ -28,6 +28,7 @@ from drivers.host_files import new_file
 from drivers.outside_text import is_plain, plain_line, plain_lines
 from gse.cli.commands import COMMANDS, dressed, epilog, retired
 from gse.errors import GseError, UsageError
+from gse.process import interrupts
 from gse.process.broken_package import broken_package
 from gse.version import __version__
 from protocols.errors import ProtocolError
@@ -125,9 +126,9 @@ def _check_showable(words: Sequence[str]) -> None:
             raise click.UsageError(f"'{plain_line(word):.200}' has characters that cannot be shown; rename the file")
 
 
-def was_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error: out of compiled code it comes as a SystemError, or as the cause of one."""
-    return error is not None and (isinstance(error, KeyboardInterrupt) or was_interrupted(error.__cause__))
+def was_interrupted(error: BaseException) -> bool:
+    """Whether Ctrl-C is behind an error: out of compiled code it comes as any other one."""
+    return interrupts.came() or isinstance(error, KeyboardInterrupt)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -34,6 +34,7 @@ from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
 from gse.identifier.pivot import PIVOT_MEMBERS
+from gse.process.interrupts import interrupt
 from gse.values.attitude import solve_attitude
 from gse.values.constants import ARCSEC_RAD
 from gse.values.limits import Limits
@@ -254,7 +255,7 @@ def _interrupt_noted() -> Iterator[threading.Event]:
 
     def note(number: int, frame: FrameType | None) -> None:
         if noted.is_set():
-            raise KeyboardInterrupt
+            interrupt(number, frame)
         noted.set()
 
     before = None

@@ -28,6 +28,7 @@ from gse.campaign.dataset import DataSet
 from gse.campaign.engine import plan_campaign, run_campaign
 from gse.campaign.sources import find_sources
 from gse.errors import CampaignError
+from gse.process.interrupts import interrupt
 
 pytestmark = pytest.mark.cluster
 
@@ -145,7 +146,7 @@ def test_workers_of_its_own_listen_on_loopback_alone_and_one_that_is_killed_lose
     outcomes = judge(None, nights, tmp_path / "dataset", attack)
     assert {address.ip for address in listening} == {"127.0.0.1"}
     assert set(profiled) == {False}, "samples of a profiler"
-    assert hung_up[0] is signal.default_int_handler, "a terminal that hangs up is Ctrl-C"
+    assert hung_up[0] is interrupt, "a terminal that hangs up is Ctrl-C"
     assert all({signal.SIGINT, signal.SIGHUP} <= blocked for blocked in hung_up[1:])
     assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
     assert [one.error for one in outcomes] == [""] * 4

@@ -58,26 +58,3 @@ def test_a_session_begins_before_anything_that_draws_or_judges_is_imported_and_a
     begun, simulated = imported("import " + ", ".join(BEFORE_THE_FIRST_FRAME), "import gse.simulator")
     assert begun - {COMPILING_NEEDS} == set()
     assert simulated - {TABLES_NEED, COMPILING_NEEDS} == {"astropy.coordinates"}
-
-
-def test_a_ctrl_c_within_a_destructor_ends_the_command_all_the_same() -> None:
-    """Where a file is closed, say: Python tells of any error there, and goes on."""
-    program = """if True:
-        import signal, sys, time
-        from gse.__main__ import keep_interrupts
-
-        class Closing:
-            def __del__(self):
-                signal.raise_signal(signal.SIGINT)
-
-        sys.unraisablehook = keep_interrupts
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        try:
-            Closing()
-            time.sleep(10)
-            print("went on")
-        except KeyboardInterrupt:
-            print("interrupted")
-    """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("interrupted\n", "")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gse.cli import EXIT_DATA_LOST, EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_USAGE, unexpected
+from gse.cli import EXIT_DATA_LOST, EXIT_INTERNAL, EXIT_USAGE, unexpected
 
 NO_ROOM = "scipy/spatial/_qhull.so: failed to map segment from shared object"
 
@@ -38,13 +38,6 @@ def test_an_error_that_no_command_expects_says_what_to_do(
     assert all(word in said for word in words)
     assert said.startswith("gse: ")
     assert ("please report it" in said) == ("internal error" in said)
-
-
-def test_an_interrupt_behind_an_error_of_compiled_code_ends_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
-    error = SystemError("returned a result with an exception set")
-    error.__cause__ = KeyboardInterrupt()
-    assert unexpected(error) == EXIT_INTERRUPTED
-    assert capsys.readouterr().err == ""
 
 
 def test_a_working_folder_that_was_deleted_is_named(
