@@ -132,7 +132,7 @@ def say_exit_code(found: list[Applied]) -> int:
 
 def _self_check() -> dict[str, Any] | None:
     """The last self-check of this installation as a report states it; None where it never ran."""
-    from gse.selfcheck.result import last_result
+    from gse.inspection.selfcheck_result import last_result
 
     result = last_result()
     if result is None:

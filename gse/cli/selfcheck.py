@@ -10,7 +10,7 @@ from gse.cli import EXIT_FAIL
 from gse.values.instant import to_text
 
 if TYPE_CHECKING:
-    from gse.selfcheck.result import CheckedRow, SelfCheckResult
+    from gse.inspection.selfcheck_result import CheckedRow, SelfCheckResult
 
 
 @click.command("selfcheck")
@@ -22,7 +22,7 @@ def command(ctx: click.Context, *, as_json: bool) -> None:
     The sky is computed with astropy alone, without the station's own astrometry. The result is stored, and reports name
     it. The exit code is 1 if a quantity differs.
     """
-    from gse.selfcheck.check import selfcheck
+    from gse.inspection.selfcheck import selfcheck
 
     shown: list[str] = []
 
@@ -53,7 +53,7 @@ def _summary(result: "SelfCheckResult") -> str:
 
 
 def _keep(result: "SelfCheckResult") -> None:
-    from gse.selfcheck.result import keep_result
+    from gse.inspection.selfcheck_result import keep_result
 
     try:
         keep_result(result)

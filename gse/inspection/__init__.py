@@ -1,4 +1,4 @@
-"""Inspection of recorded bytes and of the equipment: ``gse decode`` and ``gse preflight``.
+"""Inspection of bytes, equipment and installation: ``gse decode``, ``gse preflight`` and ``gse selfcheck``.
 
 May not import sessions or cli.
 """

@@ -5,8 +5,7 @@ import functools
 import numpy as np
 
 from gse.diagnosis.gross_causes import RawAttitudes
-from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_session import mounted
+from gse.inspection.made_session import AstropySky, mounted
 from gse.truth import EarthOrientation
 from gse.values.attitude import solve_attitude
 from gse.values.instant import NS_PER_S, from_text

@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_session import (
+from gse.inspection.made_session import (
     ALTITUDE_DEG,
     AZIMUTH_DEG,
     FOCAL_LENGTH_PX,
     ROLL_DEG,
     SITE,
     SIZE_PX,
+    AstropySky,
     MadeSensor,
     mounted,
 )
-from gse.selfcheck.made_session import STATION_TEXT as SUB_PIXEL_TEXT
+from gse.inspection.made_session import STATION_TEXT as SUB_PIXEL_TEXT
 from gse.values.instant import from_text
 from gse.values.panorama import Panorama
 

@@ -1,7 +1,7 @@
 """A night by astropy alone over a station with something wrong, received by the station from the first byte on.
 
-The sky is astropy's, the camera a pinhole (gse.selfcheck, which knows nothing of gse.truth). ``World`` is what is true;
-the station file is written from another one, the stated.
+The sky is astropy's, the camera a pinhole (gse.inspection.made_session, which knows nothing of gse.truth). ``World``
+is what is true; the station file is written from another one, the stated.
 """
 
 import functools
@@ -18,8 +18,7 @@ from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.catalog import load_catalog
 from gse.config.station import parse_station
-from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_session import MadeSensor, mounted
+from gse.inspection.made_session import AstropySky, MadeSensor, mounted
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up

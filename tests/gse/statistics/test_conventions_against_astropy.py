@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from skies.one_by_one import Made, add_frame
 
 from gse.config.station import parse_station
-from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_session import ALTITUDE_DEG, AZIMUTH_DEG, ROLL_DEG, SITE, STATION_TEXT, mounted
+from gse.inspection.made_session import ALTITUDE_DEG, AZIMUTH_DEG, ROLL_DEG, SITE, STATION_TEXT, AstropySky, mounted
 from gse.station.own_answers import measured_rotations
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData

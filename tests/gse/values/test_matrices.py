@@ -13,7 +13,7 @@ from gse.values import matrices
 
 GSE = Path(matrices.__file__).parent
 ALLOWED = {
-    "selfcheck": "an authority beside the station's own arithmetic, compared with it within a tolerance",
+    "inspection/selfcheck.py": "an authority beside the station's own arithmetic, compared with it within a tolerance",
     "diagnosis/field_content.py": "a sparse matrix, whose product scipy adds up in loops of its own",
 }
 OF_BLAS = {"dot", "vdot", "inner", "matmul", "tensordot", "cov", "corrcoef", "polyfit", "correlate", "convolve"}

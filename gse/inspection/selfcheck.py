@@ -14,24 +14,25 @@ from numpy.typing import NDArray
 
 from gse.config.station import parse_station
 from gse.imaging.session_fit import PanoramaSample, calibrate_session
-from gse.process.installation import source_sha256
-from gse.selfcheck.astropy_sky import AstropySky, east_and_north
-from gse.selfcheck.made_session import (
+from gse.inspection.made_session import (
     FOCAL_LENGTH_PX,
     KNOWN_ERRORS,
     POINTINGS,
     SITE,
     START_NS,
     STATION_TEXT,
+    AstropySky,
     KnownError,
     MadeSensor,
     MadeSky,
     begins_ns,
     chunks,
+    east_and_north,
     stated_sensor,
     true_sensor,
 )
-from gse.selfcheck.result import CheckedRow, SelfCheckResult
+from gse.inspection.selfcheck_result import CheckedRow, SelfCheckResult
+from gse.process.installation import source_sha256
 from gse.station.frame_results import FrameResults
 from gse.station.loop import StationLoop
 from gse.station.results import Subject

@@ -9,10 +9,10 @@ import pytest
 from devices.command_line import runner
 
 from drivers.chunk import Chunk
+from gse.inspection.made_session import KNOWN_ERRORS
+from gse.inspection.selfcheck import selfcheck
+from gse.inspection.selfcheck_result import CheckedRow, SelfCheckResult, keep_result, last_result
 from gse.process.installation import source_sha256
-from gse.selfcheck.check import selfcheck
-from gse.selfcheck.made_session import KNOWN_ERRORS
-from gse.selfcheck.result import CheckedRow, SelfCheckResult, keep_result, last_result
 from gse.station.loop import StationLoop
 from gse.station.session_tables import FrameTable
 from gse.station.setup import versions

@@ -1,1 +1,0 @@
-"""The self-check of an installation: made sessions with known errors, and what the station finds in them."""
