@@ -36,8 +36,7 @@ from gse.catalog import load_catalog, mission_catalog
 from gse.config.station import parse_station
 from gse.identifier import Identification, make_identifier
 from gse.imaging.extraction import extract_sub_pixel
-from gse.screen.pages import screen_content
-from gse.screen.stage import Stage, sky_document
+from gse.sessions.screen import Stage, screen_content, sky_document
 from gse.simulator.pty_endpoint import PtyEndpoint
 from gse.simulator.scenario import parse_scenario
 from gse.values.attitude import Attitude

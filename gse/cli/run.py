@@ -66,7 +66,7 @@ from protocols import load_protocol
 from protocols.errors import ProtocolError
 
 if TYPE_CHECKING:
-    from gse.screen.stage import Stage
+    from gse.sessions.screen import Stage
 
 
 # Detached start: the session runs in a process without a terminal.

@@ -14,7 +14,7 @@ from gse.config.station import Station
 from gse.errors import GseError, UsageError
 
 if TYPE_CHECKING:
-    from gse.screen.stage import Stage
+    from gse.sessions.screen import Stage
 
 SCREEN_PORT = 8430
 """Of the page for the monitor: always the same, so that one of two that want the screen is refused."""
@@ -47,7 +47,7 @@ def command(station_path: Path | None, scene: str | None) -> None:
 
 def stage_of(station: Station, scene: str | None, rates: str | None = None) -> "Stage":
     """The stage of a station with a screen; UsageError where it has none."""
-    from gse.screen.stage import Stage
+    from gse.sessions.screen import Stage
     from gse.simulator.device import rates_of
     from gse.simulator.scenario import DEFAULT, load_scenario
 
@@ -63,7 +63,7 @@ def served(stage: "Stage | None", say: Callable[[str], None]) -> Iterator[None]:
     if stage is None:
         yield
         return
-    from gse.screen.pages import screen_content
+    from gse.sessions.screen import screen_content
     from gse.view.server import ViewServer
 
     try:

@@ -8,7 +8,7 @@ import pytest
 from devices.screen_station import STATION
 
 from drivers.clock import read_clock
-from gse.screen.stage import AHEAD_NS, UNKNOWN_MS, PageReport, Stage, sky_document
+from gse.sessions.screen import AHEAD_NS, UNKNOWN_MS, PageReport, Stage, sky_document
 from gse.simulator.scenario import parse_scenario
 from gse.values.instant import NS_PER_S
 from gse.values.screen import Shown

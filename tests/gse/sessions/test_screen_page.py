@@ -11,8 +11,7 @@ from devices.screen_station import STATION
 from PIL import Image
 
 from gse.catalog import load_catalog
-from gse.screen.pages import screen_content
-from gse.screen.stage import Stage
+from gse.sessions.screen import Stage, screen_content
 from gse.simulator.scenario import parse_scenario
 from gse.values.attitude import Attitude
 from gse.values.instant import to_julian_year
