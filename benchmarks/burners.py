@@ -24,9 +24,8 @@ from endings import night_station
 
 from drivers.chunk import Chunk
 from drivers.link import SerialLink
-from drivers.session_file.reader import read_capture
+from drivers.session_file.reader import read_capture, verify
 from drivers.session_file.records import EVENTS, RX, RecordedMessage
-from drivers.session_file.verification import verify
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import Station, parse_station
 from gse.simulator import device_factory

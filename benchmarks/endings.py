@@ -26,9 +26,8 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from drivers.session_file.reader import read_capture
+from drivers.session_file.reader import read_capture, verify
 from drivers.session_file.records import EVENTS, RecordedMessage
-from drivers.session_file.verification import verify
 from gse.config.station import BUILT_IN_TEXT
 
 GSE = [sys.executable, "-m", "gse"]

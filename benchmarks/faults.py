@@ -23,11 +23,9 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock_ports import replay_url
-from drivers.session_file.closed_file import compact
-from drivers.session_file.reader import read_capture
+from drivers.session_file.reader import read_capture, verify
 from drivers.session_file.records import RX, Damage, RecordedMessage
-from drivers.session_file.verification import verify
-from drivers.session_file.writer import CaptureWriter
+from drivers.session_file.writer import CaptureWriter, compact
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder

@@ -22,8 +22,7 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CommandError
 from drivers.host_files import write_whole
 from drivers.outside_text import is_plain
-from drivers.session_file.reader import segment_files
-from drivers.session_file.verification import verify
+from drivers.session_file.reader import segment_files, verify
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.sessions.commanding import command_sensor

@@ -30,9 +30,8 @@ from faults import RECORD
 from drivers.chunk import Chunk
 from drivers.link import SerialLink
 from drivers.mock_ports import replay_url
-from drivers.session_file.reader import read_capture
+from drivers.session_file.reader import read_capture, verify
 from drivers.session_file.records import RX, RecordedMessage
-from drivers.session_file.verification import verify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from devices.hostile_sessions import frames

@@ -26,7 +26,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from devices.emulated_sensor import STATION, EmulatedSensor  # noqa: E402
 
-from drivers.session_file.verification import verify  # noqa: E402
+from drivers.session_file.reader import verify  # noqa: E402
 from gse.cli import main  # noqa: E402
 
 HEAD = "version: 1\nname: faults\nstation: station.yaml\nsteps:\n"

@@ -77,7 +77,7 @@ def _text(value: Any) -> str:
 @click.pass_context
 def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
     """Read every byte of a session and check it. The exit code is 3 if the session is damaged or incomplete."""
-    from drivers.session_file.verification import verify as verify_session
+    from drivers.session_file.reader import verify as verify_session
     from gse.recording.session_tools import describe, verify_json
 
     check = verify_session(path)

@@ -17,10 +17,9 @@ from pathlib import Path
 
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError
-from drivers.session_file.closed_file import compact, read_back
 from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX, TX, Attachment, MessageWriter, RecordedMessage
-from drivers.session_file.writer import CaptureWriter, WrittenBytes
+from drivers.session_file.writer import CaptureWriter, WrittenBytes, compact, read_back
 from gse.recording.session_format import RecorderKind
 
 # Syncing of a session file, beside its writing.

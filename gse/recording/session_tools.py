@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import CaptureError
-from drivers.session_file.closed_file import write_compact
-from drivers.session_file.reader import Capture, read_capture, session_file
+from drivers.session_file.reader import Capture, FileCheck, SessionCheck, read_capture, session_file, verify
 from drivers.session_file.records import EVENTS, RX, Attachment, Damage, Record, RecordedMessage
-from drivers.session_file.verification import FileCheck, SessionCheck, verify
+from drivers.session_file.writer import write_compact
 from gse.recording.session_format import MOST_KINDS, OTHER
 from gse.values import instant
 

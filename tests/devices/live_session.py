@@ -10,9 +10,8 @@ from typing import Any
 from devices.patience import PATIENCE_S
 from devices.terminal import Terminal
 
-from drivers.session_file.reader import read_capture
+from drivers.session_file.reader import read_capture, verify
 from drivers.session_file.records import EVENTS, RecordedMessage
-from drivers.session_file.verification import verify
 
 
 def run_command(out: Path, *options: str) -> list[str]:

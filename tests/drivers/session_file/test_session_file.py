@@ -13,11 +13,9 @@ from mcap.reader import make_reader
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
-from drivers.session_file.closed_file import compact
-from drivers.session_file.reader import Capture, read_capture, segment_path
+from drivers.session_file.reader import Capture, read_capture, segment_path, verify
 from drivers.session_file.records import CONTINUED, EVENTS, RX, TX, Attachment, Damage, RecordedMessage
-from drivers.session_file.verification import verify
-from drivers.session_file.writer import CaptureWriter
+from drivers.session_file.writer import CaptureWriter, compact
 
 MESSAGES = 6
 

@@ -6,10 +6,9 @@ import pytest
 
 from drivers.chunk import Chunk
 from drivers.errors import CaptureError
-from drivers.session_file.closed_file import compact
+from drivers.session_file.reader import verify
 from drivers.session_file.records import RX
-from drivers.session_file.verification import verify
-from drivers.session_file.writer import CaptureWriter
+from drivers.session_file.writer import CaptureWriter, compact
 
 
 def write(path: Path, count: int = 3) -> None:

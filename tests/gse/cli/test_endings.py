@@ -18,9 +18,8 @@ from devices.command_line import Gse
 from devices.live_session import PATIENCE_S, LiveSession, ended, run_command
 from devices.programs import program
 
-from drivers.session_file.reader import messages
+from drivers.session_file.reader import messages, verify
 from drivers.session_file.records import RX
-from drivers.session_file.verification import verify
 from gse.cli.finish import say_exit_code
 from gse.sessions.live import SAME_PRESS_S
 from protocols import PanoramaMessage, load_protocol

@@ -10,9 +10,8 @@ import pytest
 from devices.command_line import runner
 
 from drivers.chunk import Chunk
-from drivers.session_file.reader import read_capture
+from drivers.session_file.reader import read_capture, verify
 from drivers.session_file.records import RX, RecordedMessage
-from drivers.session_file.verification import verify
 from drivers.session_file.writer import BLOCK_BYTES, TAIL_BYTES
 from gse.recording.recorder import Recorder
 

@@ -16,9 +16,8 @@ from devices.patience import PATIENCE_S
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
-from drivers.session_file.reader import Capture, read_capture
+from drivers.session_file.reader import Capture, read_capture, verify
 from drivers.session_file.records import RX, Attachment, RecordedMessage
-from drivers.session_file.verification import verify
 from drivers.session_file.writer import CaptureWriter
 from gse.recording.recorder import Recorder
 from gse.recording.session_format import RecorderKind
