@@ -56,8 +56,8 @@ with atheris.instrument_imports(include=["gse.cli", "gse.sessions", "gse.campaig
     from gse.station.events import Notes
     from gse.view.glance import Glance
     from gse.view.live_state import LiveState
-    from gse.view.recent import NextPiece
     from gse.view.server import Content, ViewServer
+    from gse.view.viewer import NextPiece
 
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 SESSION = FOLDER / "20260320T183000Z-fuzz"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from gse.campaign.atlas_table import atlas_schema
+from gse.campaign.sensor_atlas import atlas_schema
 from gse.report.parquet import SCHEMA_VERSION
 from gse.report.sessions_table import sessions_schema
 from gse.report.tables import frames_schema, housekeeping_schema, names_schema, stars_schema

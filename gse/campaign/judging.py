@@ -25,7 +25,6 @@ import pyarrow.parquet as pq
 
 from drivers.errors import DriverError
 from drivers.outside_text import plain_lines
-from gse.campaign.atlas_table import BORESIGHT_COLUMNS, STARS_COLUMNS, atlas_table, session_errors
 from gse.campaign.dataset import (
     ATLAS,
     FRAMES,
@@ -43,6 +42,7 @@ from gse.campaign.dataset import (
     without_place,
 )
 from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
+from gse.campaign.sensor_atlas import BORESIGHT_COLUMNS, STARS_COLUMNS, atlas_table, session_errors
 from gse.campaign.sources import SessionSource
 from gse.campaign.storage import PARTS, StorageError, copy_here, explained, protocol_of, put_whole, with_patience
 from gse.config.choice import StationText

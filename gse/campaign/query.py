@@ -8,8 +8,8 @@ from typing import Any, TextIO
 import duckdb
 
 from drivers.outside_text import long_table_cell, plain_line, plain_lines
-from gse.campaign.atlas_table import atlas_schema
 from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, HOUSEKEEPING, NAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
+from gse.campaign.sensor_atlas import atlas_schema
 from gse.campaign.storage import protocol_of
 from gse.errors import UsageError
 from gse.report.tables import frames_schema, housekeeping_schema, names_schema, stars_schema

@@ -189,9 +189,8 @@ def _report_one(path: Path, judging: _Judging, output: _Output, printed: Printed
 
 def _written(path: Path, report: dict[str, Any]) -> Path | None:
     """The folder of the session's own report.html, where that says what is judged now."""
-    from gse.report.page import NO_PLOTS
+    from gse.report.page import NO_PLOTS, read_page
     from gse.report.provenance import fingerprint, fingerprint_in
-    from gse.report.verification import read_page
 
     page = (path if path.is_dir() else path.parent) / "report.html"
     if not page.is_file():
@@ -231,7 +230,7 @@ def _name_of(path: Path) -> str:
 
 def _verify(path: Path, judging: _Judging, page: Path) -> int:
     """Say what a report is to a session; the exit code."""
-    from gse.report.verification import Answer, read_page, verify
+    from gse.report.page import Answer, read_page, verify
 
     written = read_page(page)
     judged = judging.judged(path, anew=True)

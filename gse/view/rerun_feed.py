@@ -25,11 +25,10 @@ from gse.station.frame_results import FrameResult, FrameResults
 from gse.values.instant import NS_PER_S
 from gse.view.glance_word import bare_verdict
 from gse.view.live_state import LiveState, SessionSoFar
-from gse.view.recent import NextPiece
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
 from gse.view.verdict_text import standing, verdict_at_end, verdict_so_far
-from gse.view.viewer import free_port
+from gse.view.viewer import NextPiece, free_port
 
 _LOG = logging.getLogger(__name__)
 

@@ -5,6 +5,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Container, Sequence
 from operator import itemgetter
+from typing import Generic, TypeVar
 
 import numpy as np
 import rerun as rr
@@ -29,9 +30,9 @@ from gse.view.live_state import (
     LINK_COLOURS,
     SKY_COLOURS,
     VERDICT_COLOURS,
+    EventLines,
     SessionSoFar,
 )
-from gse.view.recent import EventLines, NextPiece, Recent
 from gse.view.rerun_columns import (
     MEAN_S,
     OUTAGE_NS,
@@ -53,6 +54,7 @@ from gse.view.rerun_columns import (
     times,
     unit_vectors,
 )
+from gse.view.viewer import NextPiece
 from protocols import Item
 
 _GOOD_EVENTS = {
@@ -85,10 +87,30 @@ _MOST_LINES = 40
 _STATES_AGAIN = 200
 """Changes of state that a viewer gets that has just come."""
 
+T = TypeVar("T")
+
 _MARKDOWN = re.compile(r"([\\`*\[\]<>~|&])")
 
 _COUNTS_LOGGED = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Which repetitions of an event get a line: a link that flaps does not hide all else."""
+
+
+class Recent(Generic[T]):
+    """At most ``most`` values, none of them ``window_s`` seconds older than the last one."""
+
+    def __init__(self, most: int, window_s: float) -> None:
+        self._window_ns = window_s * NS_PER_S
+        self._kept: deque[tuple[int, int, T]] = deque(maxlen=most)
+
+    def add(self, number: int, utc_ns: int, value: T) -> None:
+        """Keep a value of an instant; numbers grow."""
+        self._kept.append((number, utc_ns, value))
+        while self._kept[0][1] < utc_ns - self._window_ns:
+            self._kept.popleft()
+
+    def after(self, number: int) -> list[T]:
+        """The values with greater numbers, in order."""
+        return [value for kept, _, value in self._kept if kept > number]
 
 
 class Scene:

@@ -40,8 +40,7 @@ from drivers.clock import read_clock
 from gse.errors import GseError
 from gse.station.events import Notes, note_text
 from gse.view.glance import Glance
-from gse.view.recent import NextPiece
-from gse.view.viewer import MEDIA_TYPES, ViewerFiles, rerun_version
+from gse.view.viewer import MEDIA_TYPES, NextPiece, ViewerFiles, rerun_version
 
 # The names by which a web server of this machine may be asked.
 #

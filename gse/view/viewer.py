@@ -9,6 +9,7 @@ import sys
 import threading
 import urllib.error
 import urllib.request
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -132,3 +133,16 @@ def _fetch(url: str) -> bytes:
         except urllib.error.URLError:
             pause.wait(_TRY_EVERY_S)
     raise GseError(f"the rerun program serves no viewer at {url}; look at the session in a window of its own instead")
+
+
+@dataclass(frozen=True, slots=True)
+class NextPiece:
+    """What a viewer does not have yet: a recording (.rrd), the place to go on from, and its last instant (UTC, ns).
+
+    A new ``layout`` is a recording of its own, for before it.
+    """
+
+    rrd: bytes = b""
+    place: str = ""
+    utc_ns: int = 0
+    layout: bytes = b""

@@ -9,6 +9,7 @@ import zlib
 import numpy as np
 import pytest
 
+from gse.inspection.decode import explain
 from protocols import (
     Ack,
     AttitudeMessage,
@@ -23,7 +24,6 @@ from protocols import (
     load_protocol,
     parse_protocol,
 )
-from protocols.explain import explain
 
 
 def by_hand(code: int, payload: bytes, sequence: int = 0x1234, flags: int = 0) -> bytes:

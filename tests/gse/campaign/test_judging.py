@@ -21,11 +21,11 @@ from skies.short_nights import make_session
 
 import gse as gse_api
 from drivers.outside_text import is_plain
-from gse.campaign.atlas_table import errors_of, session_errors
 from gse.campaign.dataset import ATLAS, FRAMES, SCHEMA, SESSIONS, STARS, UNKNOWN, Committed, DataSet
 from gse.campaign.engine import plan_campaign
 from gse.campaign.judging import Job, judge_source
 from gse.campaign.nights import sessions_of
+from gse.campaign.sensor_atlas import errors_of, session_errors
 from gse.campaign.sources import find_sources
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gse.cli import main
-from gse.config.draft import Draft, draft_text
+from gse.cli.config import Draft, draft_text
 from gse.config.station import parse_station, read_station
 from gse.errors import ConfigError
 from gse.values.mount import MountUncertainty

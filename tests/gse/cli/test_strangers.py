@@ -25,7 +25,7 @@ from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import CatalogError, ConfigError, TableError, TruthError, UsageError
 from gse.imaging.image_file import read_picture
 from gse.imaging.panorama_table import read_panorama_table
-from gse.report.verification import read_page
+from gse.report.page import read_page
 from gse.sessions.expected_answers import read_answers
 from gse.sessions.status_file import is_unfinished
 from gse.simulator.scenario import load_scenario

@@ -8,8 +8,8 @@ from skies.synthetic_night import synthetic_night
 
 from gse.errors import UsageError
 from gse.report.files import write_report
+from gse.report.page import Answer, compare_pages, read_page, verify
 from gse.report.provenance import fingerprint_in, provenance
-from gse.report.verification import Answer, compare_pages, read_page, verify
 from gse.verdict.assessment import judge
 
 

@@ -11,7 +11,7 @@ from drivers.chunk import LinkEvent, LinkKind
 from gse.station.events import StationKind
 from gse.values.axis import ALL_AXES
 from gse.values.instant import NS_PER_S
-from gse.view.error_trace import CLOSE_S, MOST_BINS, MOST_MARKS, VIEWS, ErrorTrace, ErrorTraces
+from gse.view.glance import CLOSE_S, MOST_BINS, MOST_MARKS, VIEWS, ErrorTrace, ErrorTraces
 from gse.view.live_state import LiveState
 
 COLUMNS = [axis.column for axis in ALL_AXES]

@@ -27,8 +27,7 @@ from gse.values.panorama import Panorama
 from gse.view.blueprint import _reach
 from gse.view.glance import Glance, NextDawn, focus_of, mount_turn, next_dawn_ns
 from gse.view.glance_word import Facts, Level, Phase, word_of
-from gse.view.live_state import LiveState
-from gse.view.recent import EventLines
+from gse.view.live_state import EventLines, LiveState
 
 ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answered=True)
 

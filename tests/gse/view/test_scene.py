@@ -1,7 +1,7 @@
 """What a page that comes late is sent: nothing twice, and no more of the past than ten minutes."""
 
 from gse.values.instant import NS_PER_S
-from gse.view.recent import Recent
+from gse.view.scene import Recent
 
 
 def kept(most: int = 100, window_s: float = 600.0, count: int = 10, step_s: int = 1) -> Recent[str]:
