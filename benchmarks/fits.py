@@ -23,8 +23,7 @@ from gse.config.choice import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.imaging.camera_fit import calibrate
 from gse.imaging.session_fit import PanoramaSample, star_fields
-from gse.sessions.panoramas import open_recording
-from gse.sessions.replay import ReplayOptions, replay_session
+from gse.sessions.replay import ReplayOptions, open_recording, replay_session
 from gse.simulator.recording import record_simulation
 from gse.station.mount_alignment import MeasuredMounts, cross_validated
 from gse.station.setup import set_up

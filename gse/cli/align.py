@@ -24,7 +24,7 @@ from gse.values.screen import Screen, ShownSky
 
 if TYPE_CHECKING:
     from gse.imaging.screen_fit import ScreenFit
-    from gse.sessions.panoramas import Recording
+    from gse.sessions.replay import Recording
 
 _NEAR_ZENITH_DEG = 89.9
 MIRRORED = (
@@ -71,8 +71,7 @@ def command(
     from drivers.playback import is_session
     from gse.cli.progress import replay_with_progress
     from gse.diagnosis.gross_causes import gross_finding
-    from gse.sessions.panoramas import open_recording
-    from gse.sessions.replay import ReplayOptions
+    from gse.sessions.replay import ReplayOptions, open_recording
     from gse.statistics.counted_frames import counted_frames
 
     options, change = ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc), change_to(station_path)
@@ -119,7 +118,7 @@ def _fit_screen(recording: "Recording", drawn_for: Screen | None, write_path: Pa
             station,
             recording.station_text,
             utc_ns=sample.panoramas[0].utc_ns,
-            protocol_text=recording.protocol.text,
+            protocol=recording.protocol,
             tell=say,
         )
         named, camera = identified(sample, setup.camera, setup.of_true_stars)

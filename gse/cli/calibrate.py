@@ -19,7 +19,7 @@ from gse.values.panorama import Panorama
 from gse.values.text import percent
 
 if TYPE_CHECKING:
-    from gse.sessions.panoramas import Recording
+    from gse.sessions.replay import Recording
 
 _NAMES = ("focal_length_px", "principal_point_x_px", "principal_point_y_px", "k1", "k2", "p1", "p2")
 _DIGITS = (4, 4, 4, 8, 8, 8, 8)
@@ -52,8 +52,7 @@ def command(
     `gse replay --station` or `gse run --station`.
     """
     from gse.imaging.image_file import KNOWN_SUFFIXES
-    from gse.sessions.panoramas import open_recording
-    from gse.sessions.replay import ReplayOptions
+    from gse.sessions.replay import ReplayOptions, open_recording
 
     if path.suffix.lower() in {*KNOWN_SUFFIXES, ".csv"}:
         if from_utc or to_utc or start_utc:
@@ -104,7 +103,7 @@ def _calibrated(recording: "Recording", *, tangential: bool) -> SessionCalibrati
     station, text = recording.station, recording.station_text
     if station.identifier.algorithm == "external":
         station, text = with_identifier(station, text, "robust")
-    setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text, tell=say)
+    setup = set_up(station, text, utc_ns=first_ns, protocol=recording.protocol, tell=say)
     truth = _truth(recording, first_ns)
     return calibrate_session(sample, setup.camera, setup.of_true_stars, truth, tangential=tangential)
 

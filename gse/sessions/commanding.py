@@ -38,7 +38,6 @@ from protocols import (
     FrameDecoder,
     Protocol,
     load_protocol,
-    parse_protocol,
 )
 from protocols.items import unknown_name
 
@@ -221,9 +220,7 @@ def protocol_beside(folder: Path) -> Protocol:
     force = station_in_force(read_attachments(folder), lambda recorded: recorded)
     if force.station.port.pass_to or force.station.port.tx_url:
         raise UsageError(f"{folder} sends nothing: the flight computer owns its line (port.pass_to, port.tx_url)")
-    text = force.protocol_text
-    found = load_protocol(force.station.protocol) if text is None else parse_protocol(text, "its protocol.yaml")
-    return addressed(found, force.station)
+    return addressed(force.protocol(), force.station)
 
 
 def command_beside(folder: Path, command: Command) -> Commanded:

@@ -19,8 +19,7 @@ from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage, RecordedMessage
 from gse.report.parquet import SCHEMA_VERSION, write_parquet
 from gse.report.sessions_table import SessionTables
-from gse.sessions.panoramas import open_recording
-from gse.sessions.replay import ReplayOptions
+from gse.sessions.replay import ReplayOptions, open_recording
 from gse.station.results import Subject
 from gse.values import instant
 from gse.values.panorama import Panorama

@@ -43,7 +43,6 @@ from protocols import (
     StatusMessage,
     built_in_names,
     load_protocol,
-    parse_protocol,
 )
 from protocols.description import TimeDescription
 from protocols.parts import PART
@@ -207,8 +206,7 @@ def played_session(path: Path, *, is_shifted: bool, faults: str | None, seed: in
     if stated_start_ns(attachments) is not None:
         raise UsageError(f"{path} was imported from a capture, which has no times of its bytes: it cannot be played")
     force = station_in_force(attachments, lambda recorded: recorded)
-    station, text = force.station, force.protocol_text
-    protocol = load_protocol(station.protocol) if text is None else parse_protocol(text, "the session's protocol.yaml")
+    station, protocol = force.station, force.protocol()
     items = session_items(path)
     frames = None
     words = "its bytes as recorded, which bear no mark of test data"

@@ -1,14 +1,17 @@
-"""Replay: a recorded session, a raw capture or a panorama table through the same loop as a live sensor."""
+"""Replay: a recorded session, a raw capture or a panorama table through the same loop as a live sensor.
+
+A calibration takes no more of the loop than its reception: ``open_recording`` gives it the panoramas.
+"""
 
 import json
 import math
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock_ports import replay_url
@@ -32,13 +35,16 @@ from gse.sessions.imported import stated_start_ns
 from gse.sessions.status_file import is_being_recorded
 from gse.station.events import StationKind
 from gse.station.frame_results import FrameResults
-from gse.station.loop import Listener, StationLoop
+from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
+from gse.station.reception import Reception
 from gse.station.session_data import SessionData
-from gse.station.setup import no_words, set_up
+from gse.station.setup import addressed, no_words, set_up
 from gse.truth import EarthOrientation
 from gse.truth.orientation import GivenTables
 from gse.values import instant
-from protocols import Frame, FrameDecoder, built_in_names, load_protocol
+from gse.values.panorama import Panorama
+from gse.values.screen import Shown
+from protocols import Frame, FrameDecoder, Protocol, built_in_names, load_protocol, parse_protocol
 
 FIRST_WITHIN_S = 1.0
 MOST_THREADS = 2
@@ -149,17 +155,7 @@ def replay_session(
     it. ``tell`` gets lines on what takes long, the first time on a computer. With two ``threads`` one identifies while
     the other decodes and compares; the results are those of one. CaptureError where the file is missing or foreign.
     """
-    if not path.exists():
-        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
-    if path.is_file() and path.stat().st_size == 0:
-        raise CaptureError(f"{path} is empty: nothing was recorded in it")
-    recorded = read_recorded(path) if is_session(path) else None
-    if recorded is None and options.start_utc is None:
-        _check_has_frame(path, station)
-        raise UsageError(
-            f"{path} is not a session; expected a session.mcap, or a raw serial capture with the UTC of its first "
-            "panorama, for example --start-utc 2026-03-20T18:30:00Z"
-        )
+    recorded = _recorded(path, options, station)
     with SerialLink(options.url(path)) as link, ThreadPoolExecutor(1, "identify") as ahead:
         first = link.receive(FIRST_WITHIN_S)
         loop = _loop(path, recorded, options, station, first[0].utc_ns if first else None, tell)
@@ -177,13 +173,30 @@ def replay_session(
     return Replay(session, loop.own_elapsed_us)
 
 
+def _recorded(path: Path, options: ReplayOptions, change: Callable[[StationText], StationText]) -> Recorded | None:
+    """What a session holds beside its bytes, None of a raw capture whose start is given."""
+    if not path.exists():
+        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
+    if path.is_file() and path.stat().st_size == 0:
+        raise CaptureError(f"{path} is empty: nothing was recorded in it")
+    if is_session(path):
+        return read_recorded(path)
+    if options.start_utc is None:
+        _check_has_frame(path, change)
+        raise UsageError(
+            f"{path} is not a session; expected a session.mcap, or a raw serial capture with the UTC of its first "
+            "panorama, for example --start-utc 2026-03-20T18:30:00Z"
+        )
+    return None
+
+
 _LOOKED_AT_BYTES = 1 << 20
 """A frame within the first MiB, or none: somebody's photograph need not be decoded to its end."""
 
 
 def _check_has_frame(path: Path, change: Callable[[StationText], StationText]) -> None:
     """UsageError where the beginning of a capture holds no frame: then its UTC is not what is missing."""
-    protocol = load_protocol(station_in_force({}, change).station.protocol)
+    protocol = station_in_force({}, change).protocol()
     decoder = FrameDecoder(protocol, from_sensor=True)
     with path.open("rb") as file:
         pieces = [*decoder.feed(file.read(_LOOKED_AT_BYTES)), *decoder.finish()]
@@ -215,8 +228,16 @@ class StationInForce:
     protocol_text: str | None
     keeps_identifier: bool
 
+    def protocol(self) -> Protocol:
+        """The wire format: by the session's own description, or as the station file names it."""
+        if self.protocol_text is None:
+            return load_protocol(self.station.protocol)
+        return parse_protocol(self.protocol_text, "the session's protocol.yaml")
 
-def station_in_force(attachments: Mapping[str, str], change: Callable[[StationText], StationText]) -> StationInForce:
+
+def station_in_force(
+    attachments: Mapping[str, str], change: Callable[[StationText], StationText], *, needs_catalog: bool = True
+) -> StationInForce:
     """The session's own station, or the built-in one, after ``change``; UsageError where only the session names a file
     that is needed."""
     text = attachments.get(STATION, BUILT_IN_TEXT)
@@ -227,9 +248,8 @@ def station_in_force(attachments: Mapping[str, str], change: Callable[[StationTe
     is_own = STATION in attachments and EARTH_ORIENTATION in attachments and stated_start_ns(attachments) is None
     if not is_own and (text == BUILT_IN_TEXT or "port" not in station.model_fields_set):
         station = station.model_copy(update={"port": _CAPTURED})
-    return StationInForce(
-        unsealed(station, has_protocol=protocol_text is not None), text, protocol_text, keeps_identifier
-    )
+    station = unsealed(station, has_protocol=protocol_text is not None, needs_catalog=needs_catalog)
+    return StationInForce(station, text, protocol_text, keeps_identifier)
 
 
 def _loop(
@@ -248,7 +268,7 @@ def _loop(
         force.station,
         force.text,
         utc_ns=utc_ns,
-        protocol_text=force.protocol_text,
+        protocol=force.protocol(),
         recorded_answers=answers,
         tell=tell,
     )
@@ -291,3 +311,68 @@ def _frozen_orientation(text: str | None) -> EarthOrientation | None:
         return EarthOrientation.from_json(text)
     except TruthError as error:
         raise CaptureError(f"the session's {EARTH_ORIENTATION} cannot be read: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A session with its station file, wire format and frozen Earth orientation (None where it has none).
+
+    ``damaged``: a part of it is missing. ``shown`` is what a screen showed.
+    """
+
+    path: Path
+    options: ReplayOptions
+    station: Station
+    station_text: str
+    protocol: Protocol
+    earth_orientation: EarthOrientation | None
+    damaged: bool = False
+    anchor_utc_ns: int | None = None
+    shown: tuple[Shown, ...] = ()
+
+    def panoramas(self) -> Iterator[Panorama]:
+        """The panoramas, in order, through the same link and reception as a live sensor's."""
+        reception = Reception(
+            addressed(self.protocol, self.station),
+            baudrate=self.station.port.baudrate,
+            anchor_utc_ns=self.anchor_utc_ns,
+            time=self.station.sensor.time,
+        )
+        with SerialLink(self.options.url(self.path), self.station.port.baudrate) as link:
+            while not link.at_end:
+                chunks = (item for item in link.receive(RECEIVE_TIMEOUT_S) if isinstance(item, Chunk))
+                yield from reception.receive(reception.stream.feed(*chunks)).panoramas
+            yield from reception.receive(reception.stream.finish()).panoramas
+
+
+def open_recording(
+    path: Path,
+    options: ReplayOptions,
+    change: Callable[[StationText], StationText] = lambda recorded: recorded,
+    *,
+    needs_catalog: bool = True,
+) -> Recording:
+    """Open a session with its own station file, or with the one that ``change`` returns.
+
+    For a raw capture ``change`` gets the built-in one. CaptureError where the file is missing, UsageError where it is
+    neither a session nor a raw capture whose start is given.
+    """
+    recorded = _recorded(path, options, change)
+    attachments = recorded.attachments if recorded else {}
+    force = station_in_force(attachments, change, needs_catalog=needs_catalog)
+    if recorded and STATION not in attachments and force.text == BUILT_IN_TEXT:
+        raise UsageError(
+            f"{path} has no station file: it is not a session of gse, or its head is damaged; give one by --station, "
+            "which 'gse replay', 'gse calibrate' and 'gse align' take"
+        )
+    return Recording(
+        path,
+        options,
+        force.station,
+        force.text,
+        force.protocol(),
+        _frozen_orientation(attachments.get(EARTH_ORIENTATION)),
+        damaged=recorded is not None and recorded.damaged,
+        anchor_utc_ns=stated_start_ns(attachments) if recorded else options.anchor_utc_ns,
+        shown=tuple(recorded.shown) if recorded else (),
+    )

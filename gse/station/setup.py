@@ -28,7 +28,7 @@ from gse.values.instant import NS_PER_S, to_julian_year
 from gse.values.matrices import product
 from gse.values.panorama import MAX_OBJECTS
 from gse.version import __version__
-from protocols import EncodeError, Protocol, load_protocol, parse_protocol
+from protocols import EncodeError, Protocol, load_protocol
 from protocols.items import unknown_name
 
 ORION_RA_DE_DEG = (83.0, 0.0)
@@ -87,16 +87,15 @@ def set_up(
     station_text: str,
     *,
     utc_ns: int | None = None,
-    protocol_text: str | None = None,
+    protocol: Protocol | None = None,
     recorded_answers: AnswerSource | None = None,
     tell: Callable[[str], None] = no_words,
 ) -> Setup:
     """Load catalogue, tables and wire format, and compile the identifiers, so that the first panorama is not late.
 
-    ``utc_ns`` is the start of the session: the date to which known proper motions are applied. ``protocol_text`` is the
-    frozen description of a recorded session, instead of the station's protocol. ``recorded_answers`` are judged in the
-    place of an external program, which is not started then. ``tell`` gets lines on what takes long, the first time on a
-    computer.
+    ``utc_ns`` is the start of the session: the date to which known proper motions are applied. ``protocol`` is that of
+    a recorded session, instead of the station's. ``recorded_answers`` are judged in the place of an external program,
+    which is not started then. ``tell`` gets lines on what takes long, the first time on a computer.
     """
     if is_compiled():
         tell = no_words
@@ -104,11 +103,7 @@ def set_up(
     keeps_code = machine_code_folder() is not None
     tell(f"{'first run on this computer: ' if keeps_code else ''}compiling for its processor, 10 to 60 s")
     with first_compilation() as robust_code:
-        if protocol_text is None:
-            protocol = load_protocol(station.protocol)
-        else:
-            protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
-        protocol = addressed(protocol, station)
+        protocol = addressed(protocol or load_protocol(station.protocol), station)
         if protocol.remark:
             tell(protocol.remark)
         setup = _loaded(station, station_text, protocol, utc_ns, recorded_answers)

@@ -232,6 +232,7 @@ def test_an_index_over_the_maximum_is_a_sensor_fault(gse: Gse, tmp_path: Path) -
         (["replay", "absent.mcap", "--bind", "0.0.0.0", "--view", "native"], 2, "add --view web"),
         (["replay", "absent.mcap"], 2, "absent.mcap"),
         (["replay", __file__], 2, "no valid frame of panorama-v1; find the protocol: gse decode --try"),
+        (["calibrate", __file__], 2, "no valid frame of panorama-v1; find the protocol: gse decode --try"),
         (["identify", "absent.csv"], 2, "absent.csv"),
         (["nonsense"], 2, "nonsense"),
     ],

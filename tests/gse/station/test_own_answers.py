@@ -76,7 +76,7 @@ def rotations(utc_ns, seed=1, noise_arcsec=5.0):
 
 def night(count, *, lost=()):
     """The session of a sensor whose processing takes 80 ms, and which is lost in some frames."""
-    setup = set_up(STATION, TEXT, utc_ns=START_NS, protocol_text=QUATERNIONS_ONLY)
+    setup = set_up(STATION, TEXT, utc_ns=START_NS, protocol=parse_protocol(QUATERNIONS_ONLY, "quaternions.yaml"))
     loop = StationLoop(setup, earth_orientation=TABLE)
     loop.read_clock(ClockReading(START_NS, 0, "kernel PLL", True, 0.0, 0.01))
     utc_ns = START_NS + np.arange(count) * (NS_PER_S // 5)
