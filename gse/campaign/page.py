@@ -9,7 +9,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -20,7 +19,7 @@ from drivers.host_files import write_whole
 from gse.campaign.decision import length_text
 from gse.campaign.star_places import SIGMAS
 from gse.errors import UsageError
-from gse.report.page import numbered, quantity_text
+from gse.report.page import numbered, page_environment, page_style, quantity_text
 from gse.report.svg import svg_of
 from gse.values.text import count_text, percent
 from gse.verdict.requirements import REQUIREMENTS, requirement_named
@@ -173,18 +172,14 @@ def _day(night: str) -> float:
 
 def campaign_html(report: dict[str, Any]) -> str:
     """The page of a campaign's report; it follows from the report alone."""
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters.update(number=_number, of_row=_of_row, with_digits_of=with_digits_of)
-    environment.filters.update(count_text=count_text, length_text=length_text, share=_share_text)
-    template = environment.from_string(
-        resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
-    )
+    pages = page_environment()
+    pages.filters.update(number=_number, of_row=_of_row, with_digits_of=with_digits_of)
+    pages.filters.update(count_text=count_text, length_text=length_text, share=_share_text)
+    template = pages.from_string(resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8"))
     caption = numbered("Figure", "figcaption")
     return template.render(
         report=report,
-        style=resources.files("gse.report").joinpath("report.css").read_text("utf-8"),
+        style=page_style(),
         caption=numbered("Table", "caption"),
         plots=[_plots(place, sensor) for place, sensor in enumerate(report["sensors"])],
         figure=lambda svg, text: Markup(f"<figure>{svg}{caption(text)}</figure>"),

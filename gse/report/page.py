@@ -85,7 +85,7 @@ def report_html(
         envelope=_envelope(report["envelope"]),
         **_terms(report["truth_budget"]),
         fingerprint=canonical(fingerprint(report)),
-        style=_resource("report.css"),
+        style=page_style(),
         caption=numbered("Table", "caption"),
         without_plots=NO_PLOTS if drawn is None else "",
         plot=_plot(drawn),
@@ -226,17 +226,23 @@ class _TemplateOnDisk(jinja2.FileSystemBytecodeCache):
 @functools.cache
 def _template() -> jinja2.Template:
     folder = compiled_folder()
-    environment = jinja2.Environment(
+    pages = page_environment()
+    pages.bytecode_cache = None if folder is None else _TemplateOnDisk(str(folder))
+    pages.filters.update(quantity=quantity_text, angle=_angle, given=_given, risk=risk_text, drift=_drift)
+    return pages.get_template("report.html.jinja")
+
+
+def page_environment() -> jinja2.Environment:
+    """What all pages are made in; ``get_template`` finds those of this room."""
+    pages = jinja2.Environment(
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
         loader=jinja2.FunctionLoader(_resource),
-        bytecode_cache=None if folder is None else _TemplateOnDisk(str(folder)),
     )
-    environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given, risk=risk_text)
-    environment.filters["drift"] = _drift
-    return environment.get_template("report.html.jinja")
+    pages.filters["number"] = _number
+    return pages
 
 
 def numbered(word: str, element: str) -> Callable[[str], Markup]:
@@ -259,6 +265,11 @@ def _in_words(key: str, value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name.replace('_', ' ')} {item}" for name, item in value.items())
     return str(value)
+
+
+def page_style() -> str:
+    """The style sheet of all pages."""
+    return _resource("report.css")
 
 
 def _resource(name: str) -> str:

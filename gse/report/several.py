@@ -2,13 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from importlib import resources
 from statistics import fmean
 from typing import Any
 
-import jinja2
-
 from gse.report.conclusion import headline
+from gse.report.page import page_environment, page_style
 from gse.report.summary import LIMIT_DEG, PAPER, PaperRow, plain, table_row, this_sensor
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
@@ -62,10 +60,4 @@ def _rows(named: Sequence[tuple[str, SessionData, Assessment]]) -> list[PaperRow
 
 def sessions_html(report: dict[str, Any]) -> str:
     """The page of several sessions."""
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["number"] = lambda value, decimals: "–" if value is None else f"{value:z.{decimals}f}"
-    of_report = resources.files("gse.report")
-    template = environment.from_string(of_report.joinpath("sessions.html.jinja").read_text(encoding="utf-8"))
-    return template.render(report=report, style=of_report.joinpath("report.css").read_text(encoding="utf-8"))
+    return page_environment().get_template("sessions.html.jinja").render(report=report, style=page_style())

@@ -260,7 +260,7 @@ def run_live(
         first = link.receive(FIRST_WITHIN_S, most)
         with operator.ending.interruptible():
             began_ns = first[0].utc_ns if first else link.utc_ns() or None
-            setup = set_up(station, station_text, utc_ns=began_ns, tell=operator.tell)
+            setup = set_up(station, station_text, utc_ns=began_ns, protocol=protocol, tell=operator.tell)
             loop = StationLoop(setup, given_orientation=given_orientation)
         asking = asking_of(station.sensor, link, loop.setup.protocol)
         power = PowerSwitch(station.power) if station.power is not None and link.is_live else None
