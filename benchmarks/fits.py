@@ -139,7 +139,7 @@ def main() -> None:
             path = Path(folder) / f"{number}.mcap"
             record(path, number, given.seconds, given.rate_hz)
             measured = MeasuredMounts()
-            replay = replay_session(path, make_listeners=lambda loop, folder, one=measured: [one])
+            replay = replay_session(path, make_listeners=lambda loop, one=measured: [one])
             skies.append(compared(replay.session))
             if not given.only_compare:
                 mounts.append(mount_error(measured, replay.session))

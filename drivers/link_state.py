@@ -23,6 +23,7 @@ UNKNOWN = ""
 
 SILENCE_S = 3.0
 """The slowest sensor known exposes for 2 s."""
+_SILENCE_NS = round(SILENCE_S * NS_PER_S)
 _LAST_FRAMES = 8
 _IN_INTERVALS = 2
 """Intervals between frames for which a slow sensor may be silent."""
@@ -50,14 +51,12 @@ class LinkMonitor:
     def __init__(
         self,
         baudrate: int,
-        silence_s: float = SILENCE_S,
         *,
         explain: Callable[[bytes], str] = lambda sample: "",
         bytes_per_s: float | None = None,
     ) -> None:
         self.state = UNKNOWN
         self._baudrate = baudrate
-        self._silence_ns = round(silence_s * NS_PER_S)
         self._explain = explain
         self._load = None if bytes_per_s is None else _Load(bytes_per_s)
         self._frames_ns: deque[int] = deque(maxlen=_LAST_FRAMES)
@@ -126,7 +125,7 @@ class LinkMonitor:
         mono_ns = [chunk.mono_ns for chunk in begun]
         frames_ns = [mono_ns[k] for k in dict.fromkeys(framed)]
         pauses_ns = map(sub, frames_ns, [self._since_ns, *frames_ns])
-        if any(map(lt, mono_ns, [self._now_ns, *mono_ns])) or max(pauses_ns) > self._silence_ns:
+        if any(map(lt, mono_ns, [self._now_ns, *mono_ns])) or max(pauses_ns) > _SILENCE_NS:
             return 0
         self._utc_minus_mono_ns = begun[-1].utc_ns - begun[-1].mono_ns
         self._now_ns = self._bytes_ns = mono_ns[-1]
@@ -143,7 +142,7 @@ class LinkMonitor:
             self._frames_ns.clear()
         self._now_ns = mono_ns
         changes: list[LinkEvent] = []
-        if mono_ns <= self._since_ns + self._silence_ns and self.state != _SYNCING:
+        if mono_ns <= self._since_ns + _SILENCE_NS and self.state != _SYNCING:
             return changes
         patience_ns = self._patience_ns
         due_ns = self._since_ns + patience_ns
@@ -157,7 +156,7 @@ class LinkMonitor:
     def _patience_ns(self) -> int:
         """How long this sensor may be silent between frames: one long silence is an outage, two are its way."""
         *_, second, _ = [0, 0, *sorted(after - before for before, after in pairwise(self._frames_ns))]
-        return max(self._silence_ns, _IN_INTERVALS * second)
+        return max(_SILENCE_NS, _IN_INTERVALS * second)
 
     @property
     def _patience_s(self) -> float:

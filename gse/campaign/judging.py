@@ -232,7 +232,7 @@ def _results(path: Path, key: ResultKey, job: Job, source: SessionSource, folder
     replay = replay_session(
         path,
         station=lambda recorded: given or recorded,
-        make_listeners=lambda loop, folder: [hot_pixels],
+        make_listeners=lambda loop: [hot_pixels],
         threads=1,
     )
     session = replay.session

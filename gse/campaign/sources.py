@@ -59,8 +59,8 @@ def _sources_of(url: str) -> Iterator[SessionSource]:
     for first, segments in sessions.items():
         infos = [files[name] for name in segments]
         yield SessionSource(
-            _url(fs, first, url),
-            tuple(_url(fs, name, url) for name in segments),
+            _url(first, url),
+            tuple(_url(name, url) for name in segments),
             sum(int(info.get("size") or 0) for info in infos),
             ";".join(_state(info) for info in infos),
         )
@@ -98,7 +98,7 @@ def _place(name: str) -> tuple[str, int]:
     return (f"{segment[1]}.mcap", int(name.rsplit(".part", 1)[1].split(".")[0])) if segment else (name, 1)
 
 
-def _url(fs: Any, name: str, asked: str) -> str:
+def _url(name: str, asked: str) -> str:
     if protocol_of(asked) == "file":
         return str(Path(name).absolute())
     host = asked.split("://", 1)[1].split("/", 1)[0]

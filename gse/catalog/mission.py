@@ -97,17 +97,17 @@ class Coverage:
         return np.where(fields > 0, below / np.maximum(fields, 1), np.nan).reshape(rows, columns)
 
 
-def coverage(catalog: StarCatalog, camera: Camera, *, directions: int = COVERAGE_DIRECTIONS) -> Coverage:
+def coverage(catalog: StarCatalog, camera: Camera) -> Coverage:
     """Counts of the stars on the detector, for boresights all over the sky, each with another roll."""
     from scipy.spatial import cKDTree
 
-    boresights = spiral_directions(directions)
+    boresights = spiral_directions(COVERAGE_DIRECTIONS)
     tree = cKDTree(catalog.icrs)
     near = tree.query_ball_point(boresights, 2 * math.sin(0.55 * camera.diagonal_rad))
     east = np.cross([0.0, 0.0, 1.0], boresights)
     east /= np.sqrt((east * east).sum(axis=1))[:, None]
     north = np.cross(boresights, east)
-    roll = (np.arange(directions) * _GOLDEN_ANGLE_RAD)[:, None]
+    roll = (np.arange(COVERAGE_DIRECTIONS) * _GOLDEN_ANGLE_RAD)[:, None]
     x, y = np.cos(roll) * east + np.sin(roll) * north, np.cos(roll) * north - np.sin(roll) * east
     axes = np.stack([x, y, boresights], axis=2)
     seen = (camera.pixels(product(catalog.icrs[rows], axes[k])) for k, rows in enumerate(near))

@@ -81,7 +81,7 @@ def command(
         _fit_screen(recording, drawn_for or recording.station.screen, write_path, as_json=as_json)
         ctx.exit(damage_code(path, damaged=recording.damaged))
     measured = MeasuredMounts()
-    replay = replay_with_progress(path, lambda loop, folder: [measured], options, change)
+    replay = replay_with_progress(path, lambda loop: [measured], options, change)
     validation = cross_validated(measured, replay.session)
     gross = gross_finding(replay.session, counted_frames(replay.session))
     refused = gross is not None and not accept_gross

@@ -154,7 +154,7 @@ def _with_sensor(
 
     attitudes: list[ExpectedAttitudes] = []
 
-    def listeners_of(loop: "StationLoop", folder: Path | None) -> "list[ExpectedAttitudes]":
+    def listeners_of(loop: "StationLoop") -> "list[ExpectedAttitudes]":
         protocol = loop.setup.protocol
         if not protocol.slots:
             raise UsageError(

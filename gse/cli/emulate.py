@@ -12,7 +12,7 @@ from drivers.clock import read_clock
 from drivers.ports import is_mock
 from drivers.uart import BITS_PER_BYTE
 from gse.cli import folded
-from gse.cli.options import duration_option, gathered, station_option
+from gse.cli.options import gathered, parsed_duration, station_option
 from gse.config.choice import station_of
 from gse.config.station import Port
 from gse.errors import UsageError
@@ -93,7 +93,7 @@ class Simulation:
     "--duration",
     "duration_s",
     metavar="TIME",
-    callback=duration_option(least_s=0.1),
+    callback=parsed_duration,
     help="End after this time: 90, 90s, 5m, 1h30m.",
 )
 @click.pass_context

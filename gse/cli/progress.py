@@ -65,12 +65,9 @@ def time_left(seconds: float) -> str:
     return f"about {seconds:.0f} s" if seconds < 90 else f"about {seconds / 60:.0f} min"
 
 
-ListenerMaker = Callable[[StationLoop, Path | None], Sequence[Listener]]
-
-
 def replay_with_progress(
     path: Path,
-    make_listeners: ListenerMaker = lambda loop, folder: (),
+    make_listeners: Callable[[StationLoop], Sequence[Listener]] = lambda loop: (),
     options: ReplayOptions | None = None,
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
 ) -> Replay:
@@ -86,9 +83,9 @@ def replay_with_progress(
         task = progress.add_task("replaying", total=_bytes_of(path))
         loops: list[StationLoop] = []
 
-        def listeners_of(loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
+        def listeners_of(loop: StationLoop) -> Sequence[Listener]:
             loops.append(loop)
-            return make_listeners(loop, folder)
+            return make_listeners(loop)
 
         def each(results: list[FrameResults]) -> None:
             progress.update(task, completed=loops[0].session.link.bytes_in)

@@ -89,7 +89,7 @@ def command(
             path,
             options=options,
             station=change_to(station_path, identifier, address),
-            make_listeners=lambda loop, folder: live_outputs.listeners(loop, folder, LiveState.of(loop.session)),
+            make_listeners=lambda loop: live_outputs.listeners(loop, None, LiveState.of(loop.session)),
             tell=say,
         )
         live_outputs.enter_judging()

@@ -34,10 +34,10 @@ from gse.cli.finish import (
 from gse.cli.live_outputs import LiveOptions, LiveOutputs, live_options
 from gse.cli.options import (
     clock_error_option,
-    duration_option,
     earth_orientation_option,
     identifier_option,
     out_option,
+    parsed_duration,
     plots_option,
     station_option,
 )
@@ -164,7 +164,7 @@ _MOST_LISTED = 3
     "--duration",
     "duration_s",
     metavar="TIME",
-    callback=duration_option(least_s=0.1),
+    callback=parsed_duration,
     help="Stop after this time: 90, 5m, 1h30m.",
 )
 @click.option("--from", "from_text", metavar="TIME", help="Begin then: dusk, dusk+20m, or UTC.")
@@ -179,7 +179,7 @@ _MOST_LISTED = 3
     "--off",
     "off_s",
     metavar="TIME",
-    callback=duration_option(least_s=0.1),
+    callback=parsed_duration,
     help="With --starts: off so long: 5s.",
 )
 @live_options

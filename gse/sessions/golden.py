@@ -128,7 +128,7 @@ def check_answers(
     try:
         expected = None if update else read_answers(path)
         session = replay_session(
-            recording, options=options, station=change_to(None, identifier), make_listeners=lambda loop, folder: [given]
+            recording, options=options, station=change_to(None, identifier), make_listeners=lambda loop: [given]
         ).session
         verdict, rows = judge(session).verdict.value, given.rows()
         if expected is None:

@@ -143,7 +143,7 @@ def replay_session(
     *,
     options: ReplayOptions = ReplayOptions(),
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
-    make_listeners: Callable[[StationLoop, Path | None], Sequence[Listener]] = lambda loop, folder: (),
+    make_listeners: Callable[[StationLoop], Sequence[Listener]] = lambda loop: (),
     stop: Callable[[], bool] = lambda: False,
     each: Callable[[list[FrameResults]], None] = lambda results: None,
     tell: Callable[[str], None] = no_words,
@@ -163,7 +163,7 @@ def replay_session(
             loop.ahead = ahead
         loop.session.frames.use_disk()
         loop.session.housekeeping.use_disk()
-        loop.listeners = make_listeners(loop, None)
+        loop.listeners = make_listeners(loop)
         session = loop.run(link, first, stop=stop, each=each)
     if recorded is None and session.link.bytes_in == session.link.bytes_discarded:
         raise _no_frame(path, session.protocol_name)

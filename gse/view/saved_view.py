@@ -104,19 +104,20 @@ _TRY_EVERY_S = 0.2
 _SETTLE_S = 3.0
 """Time from the last byte loaded to the last label drawn, which the viewer does not report."""
 
+_PICTURE_PX = "1920x1080"
 _HINT = "it needs Vulkan, for example Debian's mesa-vulkan-drivers"
 
 
-def save_screenshot(recording: Path, picture: Path, size: str = "1920x1080") -> None:
+def save_screenshot(recording: Path, picture: Path) -> None:
     """Write a PNG of the views of a recording (.rrd); GseError if the viewer cannot draw it."""
     if picture.suffix.lower() != ".png":
         raise UsageError(f"the screenshot {picture} is written as PNG; name it .png")
     if picture.exists():
         raise UsageError(f"{picture} exists already; choose another name")
     port = free_port("127.0.0.1")
-    options = ["--headless", "--window-size", size, "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
+    options = ["--headless", "--window-size", _PICTURE_PX, "--bind", "127.0.0.1", "--port", str(port)]
     viewer = subprocess.Popen(
-        [str(rerun_program()), *options, str(recording)],
+        [str(rerun_program()), *options, "--hide-welcome-screen", str(recording)],
         env=quiet_environment(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

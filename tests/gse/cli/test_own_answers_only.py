@@ -51,7 +51,7 @@ def test_its_convention_is_found_in_a_raw_capture_too(gse, session, tmp_path):
 def test_the_glance_page_has_its_errors_and_no_stars(session):
     pages = []
 
-    def listeners(loop, folder):
+    def listeners(loop):
         live = LiveState(loop.session.station)
         pages.append(Glance(live))
         return [live]

@@ -15,7 +15,7 @@ import pytest
 from devices.command_line import Gse
 
 from gse.cli import cli, main
-from gse.cli.options import duration_option
+from gse.cli.options import parsed_duration
 from gse.errors import GseError
 
 ANY = click.Option(["--duration"])
@@ -23,7 +23,7 @@ ANY = click.Option(["--duration"])
 
 def read_duration(text: str) -> float | None:
     """Of a text on the command line."""
-    return duration_option(least_s=0.1)(click.Context(cli), ANY, text)
+    return parsed_duration(click.Context(cli), ANY, text)
 
 
 GSE = str(Path(sys.executable).with_name("gse"))

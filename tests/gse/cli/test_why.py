@@ -151,7 +151,7 @@ def test_a_mount_that_is_fitted_does_not_hide_it_in_the_report(gse, session, tmp
 
 def test_a_running_session_announces_it_within_thirty_seconds(session):
     told: list[LinkEvent] = []
-    replay_session(session, make_listeners=lambda loop, folder: [LiveDiagnosis(told.append)])
+    replay_session(session, make_listeners=lambda loop: [LiveDiagnosis(told.append)])
     (event,) = told
     assert isinstance(event, FindingEvent)
     assert event.finding.cause == "latitude sign"

@@ -63,7 +63,7 @@ def sessions(folder):
 
     built_in = run("built-in")
     with (folder / "own.ndjson").open("w") as lines:
-        replay_session(built_in, make_listeners=lambda loop, _: [FrameLines(lines)])
+        replay_session(built_in, make_listeners=lambda loop: [FrameLines(lines)])
     parrot = program(folder, PARROT, head="", name="parrot.py")
     return built_in, run("external", "--identifier", f"command:{parrot} {folder / 'own.ndjson'}")
 

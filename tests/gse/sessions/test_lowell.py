@@ -28,7 +28,7 @@ ARCMIN = np.pi / 180 / 60
 @functools.cache
 def replayed(name: str) -> tuple[SessionData, MeasuredMounts]:
     measured = MeasuredMounts()
-    session = replay_session(LOWELL / f"{name}.mcap", make_listeners=lambda loop, folder: [measured]).session
+    session = replay_session(LOWELL / f"{name}.mcap", make_listeners=lambda loop: [measured]).session
     return session, measured
 
 

@@ -78,7 +78,7 @@ def shown(tmp_path_factory):
     """A live state, and what its displays say, after a session whose own answers are far off."""
     folder, made = tmp_path_factory.mktemp("status"), []
 
-    def listeners(loop, _):
+    def listeners(loop):
         made.append(LiveState(loop.setup.station))
         return made
 

@@ -36,7 +36,7 @@ def watched(tmp_path_factory):
     """The session, its live errors, the rows of its rerun recording, and its glance page."""
     path, shown = tmp_path_factory.mktemp("view") / "session.rrd", []
 
-    def listeners_of(loop, _):
+    def listeners_of(loop):
         live = LiveState(loop.setup.station)
         loop.most_at_once = 7
         feed = live.add(RerunFeed(live, serve=False, save_rrd=path))
