@@ -449,20 +449,14 @@ class PanoramaCodec(MessageCodec):
         codecs = {field.name: FieldCodec(field, commands, layout.byte_order) for field in layout.slots.fields}
         self._x, self._y, self._index = codecs["x"], codecs["y"], codecs.get("index")
         self._checked_slots = tuple(field for field in codecs.values() if field.is_checked)
-        self._has_floats = any(field.is_float for field in codecs.values())
 
     def decode(self, payload: bytes) -> PanoramaMessage:
         """The panorama of a payload that has this type's length."""
         return self.decode_many([payload])[0]
 
+    @np.errstate(invalid="ignore", over="ignore")  # a signalling NaN, say: a problem, not a warning
     def decode_many(self, payloads: Sequence[bytes]) -> PanoramaColumns:
         """The panoramas of payloads that have this type's length."""
-        if self._has_floats:
-            with np.errstate(invalid="ignore", over="ignore"):  # a signalling NaN, say: a problem, not a warning
-                return self._decode_many(payloads)
-        return self._decode_many(payloads)
-
-    def _decode_many(self, payloads: Sequence[bytes]) -> PanoramaColumns:
         size, repeat = self.layout.size, self._slots.repeat
         lengths = None
         if self._slots.are_counted or self._slots.part_first is not None:

@@ -106,18 +106,15 @@ class SequenceTracker:
         self.last_gap = 0
         self._modulus, self._step = modulus, step
         self._budget = FrameBudget()
-        self._forget()
+        self.start_anew()
 
-    def _forget(self) -> None:
+    def start_anew(self) -> None:
+        """Take the next frame as the first: the sensor has started anew."""
         self._last: int | None = None
         self._last_time_us: int | None = None
         self._timed: int | None = None
         self._seen: dict[tuple[int, int | None], None] = {}
         self._missing: deque[int] = deque(maxlen=RECENT)
-
-    def start_anew(self) -> None:
-        """Take the next frame as the first: the sensor is known to have started anew."""
-        self._forget()
 
     @property
     def last(self) -> int | None:
@@ -149,7 +146,7 @@ class SequenceTracker:
         knows_time = self._pass_time(sequence, time_us, elapsed_s)
         if arrival is _RESET:
             self.resets += 1
-            self._forget()
+            self.start_anew()
         elif arrival is _GAP:
             self.last_gap = self._gap_before(sequence)
             if self._budget.lose(self.last_gap) or not knows_time:

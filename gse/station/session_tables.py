@@ -68,57 +68,47 @@ def residuals_of(matches: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 class _Rows:
-    """Rows of one dtype in memory that is reserved ahead; unused pages take no physical memory."""
+    """Rows of one dtype, in order, in memory that is reserved ahead: the kernel gives zeros their memory when they are
+    written. A ``copy.copy`` keeps the rows so far: later ones lie behind them, or elsewhere.
+    """
 
     def __init__(self, room: NDArray[np.void], used: int = 0) -> None:
         self._room = room
         self._used = used
 
-    def extend(self, rows: NDArray[np.void]) -> None:
-        self._make_room(len(rows))
-        self._room[self._used : self._used + len(rows)] = rows
-        self._used += len(rows)
-
-    def _make_room(self, count: int) -> None:
-        while self._used + count > len(self._room):
-            self._room = np.concatenate([self._room, np.zeros(max(len(self._room), _ROOM_ROWS), self._room.dtype)])
-
     def __len__(self) -> int:
         return self._used
+
+    def extend(self, rows: NDArray[np.void]) -> None:
+        """Add rows; the capacity doubles when it is full."""
+        used = self._used + len(rows)
+        if used > len(self._room):
+            room = np.zeros(max(2 * len(self._room), used), self._room.dtype)
+            room[: self._used] = self.array()
+            self._room = room
+        self._room[self._used : used] = rows
+        self._used = used
 
     def array(self) -> NDArray[np.void]:
         """All rows so far, as a view without a copy."""
         return self._room[: self._used]
 
 
-class _Thinned:
+class _Thinned(_Rows):
     """Rows with a ``frame``, of every frame, or where there are too many of every second, fourth, ... one."""
 
-    def __init__(self, dtype: "np.dtype[np.void]") -> None:
-        self._rows = _Rows(np.zeros(_ROOM_ROWS, dtype))
-        self.stride = 1
-
-    @classmethod
-    def from_rows(cls, rows: NDArray[np.void], stride: int) -> Self:
-        made = cls.__new__(cls)
-        made._rows, made.stride = _Rows(rows, len(rows)), stride
-        return made
+    def __init__(self, room: NDArray[np.void], used: int = 0, stride: int = 1) -> None:
+        super().__init__(room, used)
+        self.stride = stride
 
     def extend(self, rows: NDArray[np.void]) -> None:
-        self._rows.extend(rows.compress(rows["frame"] % self.stride == 0))
-        if len(self._rows) > MOST_MATCHES:
+        """Add those of the frames that keep theirs."""
+        super().extend(rows.compress(rows["frame"] % self.stride == 0))
+        if len(self) > MOST_MATCHES:
             self.stride *= 2
-            stored = self._rows.array()
-            self._rows = _Rows(np.zeros(_ROOM_ROWS, rows.dtype))
-            self._rows.extend(stored.compress(stored["frame"] % self.stride == 0))
-
-    def array(self) -> NDArray[np.void]:
-        return self._rows.array()
-
-    def snapshot(self) -> "_Thinned":
-        taken = copy.copy(self)
-        taken._rows = copy.copy(self._rows)
-        return taken
+            stored = self.array()
+            self._room, self._used = np.zeros(_ROOM_ROWS, rows.dtype), 0
+            super().extend(stored.compress(stored["frame"] % self.stride == 0))
 
 
 class FrameTable:
@@ -127,7 +117,7 @@ class FrameTable:
     def __init__(self) -> None:
         self._frames = ColumnStore(FRAME, _ROOM_ROWS)
         self._most_in_memory: float = math.inf
-        self._matches, self._others = _Thinned(MATCH), _Thinned(OTHER)
+        self._matches, self._others = (_Thinned(np.zeros(_ROOM_ROWS, dtype)) for dtype in (MATCH, OTHER))
 
     @classmethod
     def from_rows(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
@@ -154,7 +144,7 @@ class FrameTable:
         table = cls()
         table._frames = ColumnStore(FRAME, 0).with_room(count, on_disk=count > most_in_memory)
         table._frames.used = count
-        table._matches, table._others = _Thinned.from_rows(matches, stride), _Thinned.from_rows(others, stride)
+        table._matches, table._others = (_Thinned(rows, len(rows), stride) for rows in (matches, others))
         return table
 
     def __len__(self) -> int:
@@ -192,7 +182,7 @@ class FrameTable:
         """A table of the rows so far, for another thread: columns are copied, matches, which never change, shared."""
         taken = copy.copy(self)
         taken._frames = self._frames.copied()
-        taken._matches, taken._others = self._matches.snapshot(), self._others.snapshot()
+        taken._matches, taken._others = copy.copy(self._matches), copy.copy(self._others)
         return taken
 
     @property
@@ -219,7 +209,7 @@ class FrameTable:
 ACQUIRED = "acquired"
 _WITHOUT_STATE = ""
 _ROOM_ANSWERS = 1024
-"""Answers that there is room for at first; the capacity doubles when it is full."""
+"""Answers that there is room for at first."""
 
 OWN_ANSWER = np.dtype(
     [
@@ -246,12 +236,11 @@ ANGLES = ("ra_deg", "de_deg", "roll_deg")
 _LARGEST_FRAME_NO, _LARGEST_MATCHED = 2**32 - 1, 2**16 - 1
 
 
-class AttitudeTable:
+class AttitudeTable(_Rows):
     """The sensor's own answers, in order; ``columns`` is a structured array of OWN_ANSWER."""
 
     def __init__(self) -> None:
-        self._room = np.zeros(_ROOM_ANSWERS, dtype=OWN_ANSWER)
-        self._used = 0
+        super().__init__(np.zeros(_ROOM_ANSWERS, dtype=OWN_ANSWER))
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.void]) -> Self:
@@ -261,17 +250,9 @@ class AttitudeTable:
             table._room, table._used = rows, len(rows)
         return table
 
-    def __len__(self) -> int:
-        return self._used
-
     def append(self, host_utc_ns: int, message: AttitudeMessage) -> None:
         """Add a message whose first byte was read at ``host_utc_ns``."""
-        if self._used == len(self._room):
-            # The kernel gives memory to the zeros only once they are written, so that half the room costs nothing.
-            room = np.zeros(2 * len(self._room), dtype=OWN_ANSWER)
-            room[: self._used] = self._room[: self._used]
-            self._room = room
-        self._room[self._used] = (
+        row = (
             host_utc_ns,
             message.time_us,
             min(max(message.frame_no, 0), _LARGEST_FRAME_NO),
@@ -286,12 +267,12 @@ class AttitudeTable:
             message.q3,
             message.q4,
         )
-        self._used += 1
+        self.extend(np.array([row], dtype=OWN_ANSWER))
 
     @property
     def columns(self) -> NDArray[np.void]:
         """One row per message, dtype OWN_ANSWER; a view without a copy."""
-        return self._room[: self._used]
+        return self.array()
 
 
 def has_answer(message: AttitudeMessage) -> bool:
