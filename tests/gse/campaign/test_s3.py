@@ -76,8 +76,7 @@ def test_sessions_are_found_by_folder_glob_and_name(s3: S3Server, asked: str, ex
 
 
 def test_a_thousand_sessions_and_more_are_found(s3: S3Server) -> None:
-    for number in range(1001):
-        s3.put(f"in/{number % 7}/{number}.mcap", b"")
+    s3.fill(f"in/{number % 7}/{number}.mcap" for number in range(1001))
     assert len(found(f"s3://{BUCKET}/in")) == 1001
 
 
