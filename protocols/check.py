@@ -41,7 +41,7 @@ def check_protocol(protocol: Protocol, seed: int = 1) -> Iterator[Tried]:
         same = _decoded(protocol, pieces, from_sensor=from_sensor) == whole
         single = _decoded(protocol, [noisy[n : n + 1] for n in range(len(noisy))], from_sensor=from_sensor) == whole
         yield Tried(f"cuts do not matter ({way})", same and single, f"{len(whole)} frames and discards in noise")
-        sizes = [item.size if isinstance(item, Frame) else len(item.data) for item in whole]
+        sizes = [item.size for item in whole]
         starts = [item.start for item in whole]
         in_order = starts == [sum(sizes[:n]) for n in range(len(sizes))]
         seen = f"{sum(sizes)} of {len(noisy)} bytes, one after the other: {'yes' if in_order else 'no'}"

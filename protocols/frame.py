@@ -37,6 +37,11 @@ class Frame(NamedTuple):
     payload: bytes
     known_at: int
 
+    @property
+    def end(self) -> int:
+        """The offset behind its last byte."""
+        return self.start + self.size
+
 
 @dataclass(frozen=True, slots=True)
 class Discard:
@@ -46,6 +51,16 @@ class Discard:
     data: bytes
     reason: Reason
     known_at: int
+
+    @property
+    def size(self) -> int:
+        """How many bytes."""
+        return len(self.data)
+
+    @property
+    def end(self) -> int:
+        """The offset behind the last byte."""
+        return self.start + self.size
 
 
 class HeldBytes:

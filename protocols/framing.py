@@ -76,7 +76,7 @@ class FrameDecoder:
             if isinstance(item, Frame):
                 self.bytes_framed += item.size
             else:
-                self.bytes_discarded += len(item.data)
+                self.bytes_discarded += item.size
         return found
 
 

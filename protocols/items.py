@@ -144,20 +144,21 @@ class Condition:
             value, unit = values.get(name), self._items[name].unit
             if value is not None and _meets(value, wanted, self._items[name].step):
                 continue
-            was = "has not come" if value is None else f"is {_in_words(value)}"
+            was = "has not come" if value is None else f"is {in_words(value)}"
             low, high = wanted if isinstance(wanted, tuple) else (wanted, wanted)
-            ends = range_in_words(low, high) if isinstance(wanted, tuple) else _in_words(low)
+            ends = range_in_words(low, high) if isinstance(wanted, tuple) else in_words(low)
             yield f"{name} {was} {unit} (expected {ends} {unit}".replace(" ,", ",").replace("  ", " ").rstrip() + ")"
 
 
 def range_in_words(low: ItemValue | None, high: ItemValue | None) -> str:
     """A range, an end of which may be open."""
     if low is None or high is None:
-        return f"at most {_in_words(high)}" if low is None else f"at least {_in_words(low)}"
-    return f"{_in_words(low)} to {_in_words(high)}"
+        return f"at most {in_words(high)}" if low is None else f"at least {in_words(low)}"
+    return f"{in_words(low)} to {in_words(high)}"
 
 
-def _in_words(value: ItemValue | None) -> str:
+def in_words(value: ItemValue | None) -> str:
+    """A value for a person."""
     return (value or "''") if isinstance(value, str) else f"{value:.6g}"
 
 

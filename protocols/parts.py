@@ -95,7 +95,7 @@ class PartsJoiner:
                 out += self._pass(item)
             else:
                 self._held.append(item)
-                if _end(item) - self._held[0].start > MAX_HELD_BYTES:
+                if item.end - self._held[0].start > MAX_HELD_BYTES:
                     out += self._release(item.known_at)
         return out
 
@@ -145,11 +145,7 @@ class PartsJoiner:
         return Discard(frame.start, bytes(self._bytes[at : at + frame.size]), PART_MISSING, known_at)
 
     def _pass(self, item: Frame | Discard) -> list[Frame | Discard]:
-        end = _end(item)
+        end = item.end
         del self._bytes[: end - self._start]
         self._start = end
         return [item]
-
-
-def _end(item: Frame | Discard) -> int:
-    return item.start + (item.size if isinstance(item, Frame) else len(item.data))

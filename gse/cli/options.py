@@ -41,6 +41,13 @@ def parsed_duration(ctx: click.Context, param: click.Parameter, text: str | None
     return total_s
 
 
+def duration_text(seconds: float) -> str:
+    """A length of time for a person: 90 s, 12 min, 2.5 h."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
 class IdentifierName(click.types.StringParamType):
     """A built-in identifier, or an external one by its plug."""
 

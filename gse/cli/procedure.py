@@ -8,7 +8,7 @@ import click
 from drivers.host_files import write_whole
 from gse.cli.finish import Printed, printed
 from gse.cli.live_outputs import LiveOptions, live_options
-from gse.cli.options import out_option, plots_option, station_option
+from gse.cli.options import duration_text, out_option, plots_option, station_option
 from gse.cli.run import Asked, run_session, say_line, simulated_for
 from gse.config.choice import station_of
 from gse.config.station import Station
@@ -88,7 +88,7 @@ def check_command(path: Path) -> None:
     of_rounds = f" ({rounds} with the rounds of repeats)" if rounds != len(procedure.steps) else ""
     click.echo(f"steps: {len(procedure.steps)}{of_rounds}, cleanup: {len(procedure.cleanup)}")
     beside = f", and what the operator takes for {count_text(asked, 'answer')}" if asked else ""
-    click.echo(f"time: {_time(least_s)} to {_time(longest_s)}{beside}")
+    click.echo(f"time: {duration_text(least_s)} to {duration_text(longest_s)}{beside}")
     click.echo(f"station: {station.sensor.name} on {station.port.url}, {station.protocol}")
 
 
@@ -116,9 +116,3 @@ def _checked(path: Path, station_path: Path | None) -> tuple[Procedure, Station,
         more = [f"and {len(problems) - _MOST_PROBLEMS} more"] if len(problems) > _MOST_PROBLEMS else []
         raise ConfigError("\n".join([*problems[:_MOST_PROBLEMS], *more]))
     return procedure, station, text, protocol
-
-
-def _time(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

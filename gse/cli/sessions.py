@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from drivers.outside_text import plain_line, plain_lines
+from gse.cli.options import duration_text
 from gse.errors import UsageError
 
 _MOST_REPORT_BYTES = 16 << 20
@@ -30,14 +31,8 @@ def command(*, path: Path, as_json: bool) -> None:
     if not rows:
         raise UsageError(f"there is no session below {path}; give another folder, or record one with: gse run")
     for row in rows:
-        length = "-" if row["duration_s"] is None else _length(row["duration_s"])
+        length = "-" if row["duration_s"] is None else duration_text(row["duration_s"])
         click.echo(plain_lines(f"{(row['first_utc'] or '-')[:19]:19}  {length:>8}  {row['state']:32}  {row['folder']}"))
-
-
-def _length(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def _row(folder: Path) -> dict[str, Any]:

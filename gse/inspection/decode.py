@@ -105,7 +105,7 @@ class _Stream:
         yield from self._release(self._decoder.bytes_in)
 
     def _release(self, up_to: int) -> Iterator[DecodedPiece]:
-        while self._waiting and _end(self._waiting[0]) <= up_to:
+        while self._waiting and self._waiting[0].end <= up_to:
             yield self._piece(self._waiting.popleft())
 
     def _piece(self, item: Frame | Discard) -> DecodedPiece:
@@ -113,13 +113,13 @@ class _Stream:
             self._stamps.popleft()
         utc_ns = self._stamps[0][1]
         totals = self.totals
-        totals.bytes_in = _end(item)
+        totals.bytes_in = item.end
         if isinstance(item, Frame):
             return self._frame(item, utc_ns)
-        totals.bytes_discarded += len(item.data)
+        totals.bytes_discarded += item.size
         totals.discards[item.reason] += 1
-        totals.discarded_by_reason[item.reason] += len(item.data)
-        start, end = item.start - self._recent_start, _end(item) - self._recent_start
+        totals.discarded_by_reason[item.reason] += item.size
+        start, end = item.start - self._recent_start, item.end - self._recent_start
         before, after = self._recent[max(0, start - CONTEXT_BYTES) : start], self._recent[end : end + CONTEXT_BYTES]
         return DecodedPiece(self._direction, utc_ns, item, before=bytes(before), after=bytes(after))
 
@@ -194,10 +194,6 @@ class Decoding:
                 yield ("rx" if record.topic == RX else "tx"), record.data, record.utc_ns
 
 
-def _end(item: Frame | Discard) -> int:
-    return item.start + (item.size if isinstance(item, Frame) else len(item.data))
-
-
 def _check_readable(path: Path) -> None:
     if not path.exists():
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
@@ -231,7 +227,7 @@ def line(piece: DecodedPiece, protocol: Protocol) -> str:
     time = "" if piece.utc_ns is None else instant.to_text(piece.utc_ns) + "  "
     item = piece.item
     if isinstance(item, Discard):
-        return f"{piece.direction}  {time}{item.start:>10} {len(item.data):>5}  discarded: {item.reason}"
+        return f"{piece.direction}  {time}{item.start:>10} {item.size:>5}  discarded: {item.reason}"
     number = f" {item.sequence}" if item.sequence >= 0 else ""
     arrival = piece.arrival.value if piece.arrival and piece.arrival.value != "next" else ""
     items = ", ".join(f"{name} {_text(value)}" for name, value in _items(item, protocol).items())
@@ -251,7 +247,7 @@ def explanation(piece: DecodedPiece, protocol: Protocol) -> list[str]:
         excluded = f"  ... {len(rows) - _FIRST_ROWS - _LAST_ROWS} rows of {_ROW_BYTES} bytes"
         rows = [*rows[:_FIRST_ROWS], excluded, *rows[-_LAST_ROWS:]]
     lines += rows
-    lines += _rows(discard.start + len(discard.data), piece.after, " ")
+    lines += _rows(discard.end, piece.after, " ")
     return [f"      {text}" for text in lines]
 
 
@@ -321,7 +317,7 @@ def piece_json(piece: DecodedPiece, protocol: Protocol) -> dict[str, Any]:
     }
     if isinstance(item, Discard):
         return document | {
-            "size": len(item.data),
+            "size": item.size,
             "reason": item.reason,
             "explanation": explain(protocol.frame_layout, item),
             "before": piece.before.hex(),
@@ -400,7 +396,7 @@ def explain(layout: FrameLayout, discard: Discard) -> str:
     """One line: what was expected and what came, as far as the discarded bytes show it."""
     match discard.reason:
         case "no sync":
-            return f"no frame begins in these {len(discard.data)} bytes"
+            return f"no frame begins in these {discard.size} bytes"
         case "echo":
             return "a frame that goes to the sensor: an adapter gives back what is sent, or another master is there"
         case "not for us":
@@ -410,7 +406,7 @@ def explain(layout: FrameLayout, discard: Discard) -> str:
         case _ if isinstance(layout, TextLayout):
             return _explain_line(layout, discard)
         case _ if layout.escape:
-            return f"{len(discard.data)} bytes from a start word on"
+            return f"{discard.size} bytes from a start word on"
     content = discard.data[len(layout.sync_word) :]
     if layout.delimiter:
         unpacked = layout.delimiter.unpacked(content.strip(layout.delimiter.end))

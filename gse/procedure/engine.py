@@ -50,6 +50,7 @@ from gse.statistics.decision import Outcome, share_of, share_outcome
 from gse.values.instant import NS_PER_S
 from gse.values.text import count_text, percent
 from protocols import NO_ANSWER, Condition, EncodeError, Frame, ItemValue, Protocol
+from protocols.items import in_words
 
 SILENT_NS = 2 * NS_PER_S
 """A sensor that has sent no frame for so long is silent."""
@@ -476,7 +477,7 @@ class Run:
                 yield
             items = items_of(self.bench.protocol)
             differs = Condition(act.items, items).what_differs(values)
-            said = (f"{name} is {_in_words(values[name])} {items[name].unit}".rstrip() for name in act.items)
+            said = (f"{name} is {in_words(values[name])} {items[name].unit}".rstrip() for name in act.items)
             words.append(differs or ", ".join(said))
             outcomes.append(StepOutcome.FAIL if differs else StepOutcome.PASS)
         for share in act.shares:
@@ -603,7 +604,3 @@ class OpenRun(Run):
 
 
 _WORST_FIRST = (StepOutcome.FAIL, StepOutcome.NOT_DONE, StepOutcome.INCONCLUSIVE)
-
-
-def _in_words(value: ItemValue) -> str:
-    return value or "''" if isinstance(value, str) else f"{value:.6g}"

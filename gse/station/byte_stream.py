@@ -107,9 +107,9 @@ class ByteStream:
         return frames
 
     def _count_discard(self, discard: Discard) -> None:
-        self._counters.bytes_discarded += len(discard.data)
+        self._counters.bytes_discarded += discard.size
         by_reason = self._counters.discarded_bytes_by_reason
-        by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
+        by_reason[discard.reason] = by_reason.get(discard.reason, 0) + discard.size
 
 
 NONE_OF = 16
