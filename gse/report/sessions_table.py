@@ -29,7 +29,7 @@ from gse.report.parquet import (
     schema,
 )
 from gse.report.provenance import ResultKey
-from gse.report.tables import frames_table, housekeeping_table, names_table, stars_table
+from gse.report.tables import frames_parts, housekeeping_parts, names_parts, stars_parts
 from gse.station.columns import ANSWER_CHECKS, COLUMNS, STATUSES
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
@@ -305,8 +305,13 @@ def session_tables(
     """The tables of a judged session; ``source`` says where it came from, ``key`` what its results follow from."""
     return SessionTables(
         sessions_table(session, assessment, key, source=source),
-        frames_table(session, assessment.statistics, key.text),
-        stars_table(session, key.text),
-        housekeeping_table(session, key.text),
-        names_table(session, key.text),
+        _whole(frames_parts(session, assessment.statistics, key.text)),
+        _whole(stars_parts(session, key.text)),
+        _whole(housekeeping_parts(session, key.text)),
+        _whole(names_parts(session, key.text)),
     )
+
+
+def _whole(parts: Iterator[pa.Table]) -> pa.Table:
+    """A table of its parts."""
+    return pa.concat_tables(parts, promote_options="none").unify_dictionaries()

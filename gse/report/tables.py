@@ -57,15 +57,13 @@ def frames_schema() -> pa.Schema:
     return schema("frames", [field(name, kind) for name, kind in kinds.items()])
 
 
-def frames_table(session: SessionData, stats: Statistics, key: str) -> pa.Table:
-    """The frames of a session as a table; ``key`` is of the results. What is unknown is null."""
-    return _frames_part(session, stats, key, slice(0, len(session.frames.columns)))
-
-
 def frames_parts(
     session: SessionData, stats: Statistics, key: str, *, rows_at_once: int = ROWS_AT_ONCE
 ) -> Iterator[pa.Table]:
-    """The same table in parts, at least one: that of 8 h at 10 Hz takes 90 MB."""
+    """The frames of a session as a table in parts, at least one: that of 8 h at 10 Hz takes 90 MB.
+
+    ``key`` is of the results. What is unknown is null.
+    """
     count = len(session.frames.columns)
     for first in range(0, max(count, 1), rows_at_once):
         yield _frames_part(session, stats, key, slice(first, min(first + rows_at_once, count)))
@@ -172,18 +170,13 @@ def names_schema() -> pa.Schema:
     return schema("names", [field(name, kind) for name, kind in kinds])
 
 
-def stars_table(session: SessionData, key: str) -> pa.Table:
-    """The matches of a session; ``key`` is of the results.
+def stars_parts(session: SessionData, key: str, *, rows_at_once: int = ROWS_AT_ONCE) -> Iterator[pa.Table]:
+    """The matches of a session as a table in parts, at least one; ``key`` is of the results.
 
     ``phase_*_px`` is the place of the star on its pixel, from -0.5 to 0.5 about the pixel's centre, where the attitude
     of the frame expects it: a sensor that sends whole pixels has no other. ``field_*_deg`` are angles from the
     boresight along columns and rows.
     """
-    return _stars_part(session, session.frames.matches, key)
-
-
-def stars_parts(session: SessionData, key: str, *, rows_at_once: int = ROWS_AT_ONCE) -> Iterator[pa.Table]:
-    """The same table in parts, at least one."""
     matches = session.frames.matches
     for first in range(0, max(len(matches), 1), rows_at_once):
         yield _stars_part(session, matches[first : first + rows_at_once], key)
@@ -232,13 +225,11 @@ def _places(matches: NDArray[np.void], camera: Camera) -> dict[str, pa.Array]:
     return {name: numbers(values.astype(np.float32)) for name, values in columns.items()}
 
 
-def names_table(session: SessionData, key: str) -> pa.Table:
-    """The sensor's names by the instants of their panoramas; ``star`` and ``wrong`` are null where nobody knows."""
-    return pa.concat_tables(names_parts(session, key), promote_options="none").unify_dictionaries()
-
-
 def names_parts(session: SessionData, key: str) -> Iterator[pa.Table]:
-    """The same table in parts, at least one."""
+    """The sensor's names by the instants of their panoramas, as a table in parts, at least one.
+
+    ``star`` and ``wrong`` are null where nobody knows.
+    """
     rows, stars = session.star_names.rows, session.stars
     unknown = rows["star"] < 0
     is_known, is_wrong, _ = judged_names(rows, stars) if stars else (np.zeros(len(rows), dtype=np.bool_), unknown, True)
@@ -267,13 +258,11 @@ def housekeeping_schema() -> pa.Schema:
     return schema("housekeeping", [field(name, kind) for name, kind in [*kinds, ("colour", _WORD)]])
 
 
-def housekeeping_table(session: SessionData, key: str) -> pa.Table:
-    """All values; ``value`` is in the ``unit`` of the item, of words and bits it is the number on the wire."""
-    return pa.concat_tables(housekeeping_parts(session, key), promote_options="none").unify_dictionaries()
-
-
 def housekeeping_parts(session: SessionData, key: str) -> Iterator[pa.Table]:
-    """The same table in parts, at least one."""
+    """All values of housekeeping as a table in parts, at least one.
+
+    ``value`` is in the ``unit`` of the item, of words and bits it is the number on the wire.
+    """
     rows, items = session.housekeeping.rows, session.housekeeping.items
     names = pa.array([item.name for item in items], pa.string())
     units = pa.array([item.unit for item in items], pa.string())

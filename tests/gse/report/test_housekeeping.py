@@ -16,7 +16,7 @@ from gse.report.page import report_html
 from gse.report.parquet import write_parquet
 from gse.report.provenance import provenance
 from gse.report.summary import summarise
-from gse.report.tables import housekeeping_table
+from gse.report.tables import housekeeping_parts
 from gse.sessions.kept_results import KeptContext
 from gse.station.housekeeping import ITEM, Housekeeping, parameter_differences
 from gse.station.session_data import SessionData
@@ -108,7 +108,7 @@ def test_the_report_lists_the_items_and_draws_them() -> None:
 
 def test_the_table_of_housekeeping_has_each_value_with_its_colour(tmp_path: Path) -> None:
     path = tmp_path / "housekeeping.parquet"
-    write_parquet([housekeeping_table(session_with([5.0, 5.3]), "0" * 64)], path)
+    write_parquet(housekeeping_parts(session_with([5.0, 5.3]), "0" * 64), path)
     rows = pq.read_table(path).drop_columns(["key", "utc"]).to_pylist()
     assert rows == [
         {"item": "supply_v", "value": 5.0, "word": None, "unit": "V", "colour": "green"},
