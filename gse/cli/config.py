@@ -22,7 +22,7 @@ from gse.config.choice import station_of
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError
 from gse.inspection.plausibility import CheckOutcome, plausibility
-from gse.station.setup import addressed, check_external
+from gse.station.setup import check_external, protocol_of
 from protocols import built_in_names, load_protocol
 
 # A commented station file from a few answers.
@@ -245,7 +245,7 @@ def check(path: Path, begins_ns: int | None) -> None:
     from gse.station.polling import check_asking
 
     station, _ = station_of(path)
-    protocol = addressed(load_protocol(station.protocol), station)
+    protocol = protocol_of(station)
     check_external(station, protocol)
     check_asking(station.sensor, station.port, protocol)
     load_catalog(station.catalog, stars=_FEW_STARS)

@@ -16,10 +16,10 @@ from gse.errors import ConfigError, UsageError
 from gse.procedure.desk import Desk, read_answers, terminal_of_operator
 from gse.procedure.engine import Run
 from gse.procedure.file import Procedure, check, duration_s, read_procedure, runs_of
-from gse.station.setup import addressed
+from gse.station.setup import protocol_of
 from gse.values.screen import Shown
 from gse.values.text import count_text
-from protocols import Protocol, load_protocol
+from protocols import Protocol
 
 _MOST_PROBLEMS = 10
 
@@ -111,7 +111,7 @@ def _checked(path: Path, station_path: Path | None) -> tuple[Procedure, Station,
     """The procedure with its station and the protocol; ConfigError where it names what they do not know."""
     procedure = read_procedure(path)
     station, text = station_of(station_path or procedure.station)
-    protocol = addressed(load_protocol(station.protocol), station)
+    protocol = protocol_of(station)
     if problems := check(procedure, station, protocol):
         more = [f"and {len(problems) - _MOST_PROBLEMS} more"] if len(problems) > _MOST_PROBLEMS else []
         raise ConfigError("\n".join([*problems[:_MOST_PROBLEMS], *more]))

@@ -17,6 +17,7 @@ from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.host_files import APPEND, READ
 from drivers.mock_ports import parse_mock_url, sim_url
+from drivers.ports import is_mock
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import EVENTS, RecordedMessage
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
@@ -56,7 +57,7 @@ from gse.sessions.status_file import StatusFile, is_unfinished, session_folders
 from gse.station.events import Notes, StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.polling import check_asking
-from gse.station.setup import addressed
+from gse.station.setup import protocol_of
 from gse.truth.orientation import GivenTables
 from gse.values import instant
 from gse.values.instant import NS_PER_S
@@ -408,10 +409,6 @@ class OneSession:
         if report:
             show_report(report, self.folder or out, printed, json_frames=json_frames)
         terminal.settle()
-        return self.finish(report, found)
-
-    def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
-        """Print the paths and the exit code."""
         if self.folder is not None:
             show_path(self.folder)
         code = say_exit_code(found)
@@ -462,7 +459,7 @@ def say_line(text: str) -> None:
 
 def waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
     """Whether output waits for its reader: only with simulated or recorded data, until the session is to end."""
-    can_wait = station.port.url.startswith(("sim://", "replay://"))
+    can_wait = is_mock(station.port.url)
     return lambda: can_wait and not ending.asked()
 
 
@@ -580,7 +577,7 @@ def sweep_of(sensor: Sensor) -> str:
 
 def run_sweep(station: Station, text: str, asked: Asked) -> int:
     """Command each of the exposures that the station file lists, and judge frames of each."""
-    check_asking(station.sensor, station.port, addressed(load_protocol(station.protocol), station))
+    check_asking(station.sensor, station.port, protocol_of(station))
     return _run_made(station, text, parse_procedure(sweep_of(station.sensor), "sensor.exposures_s"), asked)
 
 
@@ -594,7 +591,7 @@ def run_starts(station: Station, text: str, times: int, off_s: float, asked: Ask
 
 def _run_made(station: Station, text: str, procedure: Procedure, asked: Asked) -> int:
     """Run a procedure that no file holds."""
-    protocol = addressed(load_protocol(station.protocol), station)
+    protocol = protocol_of(station)
     if problems := check(procedure, station, protocol):
         raise UsageError(problems[0])
     shown: list[Shown] = []

@@ -26,7 +26,7 @@ from gse.sessions.live import new_session_folder
 from gse.sessions.replay import station_in_force
 from gse.sessions.status_file import OF_A_COMMAND, leave_command
 from gse.station.polling import REQUEST, START
-from gse.station.setup import addressed
+from gse.station.setup import addressed, protocol_of
 from protocols import (
     ACK,
     NO_ANSWER,
@@ -37,7 +37,6 @@ from protocols import (
     Frame,
     FrameDecoder,
     Protocol,
-    load_protocol,
 )
 from protocols.items import unknown_name
 
@@ -184,7 +183,7 @@ def command_sensor(station: Station, station_text: str, command: Command, out: P
 
     CommandError where the sensor refuses or never answers.
     """
-    protocol = addressed(load_protocol(station.protocol), station)
+    protocol = protocol_of(station)
     dialogue = _Dialogue(protocol, command)  # an impossible command is refused before the port is opened
     folder = new_session_folder(out, f"{station.sensor.name}{OF_A_COMMAND}", read_clock().utc_ns)
     recorder = Recorder(folder / "session.mcap", live=True)

@@ -19,6 +19,7 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.clock import ClockReading, read_clock
 from drivers.errors import DriverError, PortError
 from drivers.link import ITEMS_AT_ONCE, SerialLink
+from drivers.ports import is_mock
 from drivers.session_file.records import CLOCK
 from gse.config.station import Station
 from gse.errors import UsageError
@@ -56,14 +57,14 @@ from gse.station.housekeeping import parameters_of
 from gse.station.loop import RECEIVE_TIMEOUT_S, Listener, StationLoop
 from gse.station.polling import check_asking
 from gse.station.session_data import SessionData
-from gse.station.setup import addressed, check_external, set_up
+from gse.station.setup import check_external, protocol_of, set_up
 from gse.statistics.decision import Outcome
 from gse.truth import EarthOrientation
 from gse.truth.orientation import GivenTables
 from gse.values import instant
 from gse.values.screen import Shown
 from gse.view.live_state import LiveState
-from protocols import EncodeError, Protocol, load_protocol
+from protocols import EncodeError, Protocol
 
 # End of a live session by signals from a person, a terminal or the system.
 #
@@ -152,9 +153,6 @@ class Ending:
             if self._interruptible:
                 raise KeyboardInterrupt
 
-
-MOCK_PORTS = ("sim://", "replay://")
-"""Ports that can wait for the disk."""
 
 FIRST_WITHIN_S = 1.0
 """Time for the first item: a live port reports at once that it is open, a simulated one sends its first bytes."""
@@ -245,7 +243,7 @@ def run_live(
     Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened,
     UsageError where an external identifier cannot be started: then nothing is left behind.
     """
-    protocol = addressed(load_protocol(station.protocol), station)
+    protocol = protocol_of(station)
     check_asking(station.sensor, station.port, protocol)
     check_external(station, protocol, operator.tell)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
@@ -290,7 +288,7 @@ def _opened(station: Station, folder: Path, wait_port: bool, duration_s: float |
     """The recording and the port; where either cannot be opened, the folder is gone too."""
     port = station.port
     try:
-        recorder = Recorder(folder / "session.mcap", live=not port.url.startswith(MOCK_PORTS))
+        recorder = Recorder(folder / "session.mcap", live=not is_mock(port.url))
     except (DriverError, OSError):
         folder.rmdir()
         raise

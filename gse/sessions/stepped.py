@@ -27,10 +27,9 @@ from gse.procedure.file import check, parse_procedure
 from gse.report.files import write_report
 from gse.sessions.live import Ending, LiveSession, Operator, run_live
 from gse.station.results import Verdict
-from gse.station.setup import addressed
+from gse.station.setup import protocol_of
 from gse.values.screen import Shown
 from gse.verdict.assessment import Assessment, judge
-from protocols import load_protocol
 
 _BEGINS_WITHIN_S = 600.0
 """The first session on a computer compiles the identifiers for its processor."""
@@ -49,7 +48,7 @@ class SteppedSession:
     ) -> None:
         """``station`` is a station file, the built-in one without; ``out`` gets the folder of the session."""
         self._station, self._text = station_of(Path(station) if station is not None else None)
-        self._protocol = addressed(load_protocol(self._station.protocol), self._station)
+        self._protocol = protocol_of(self._station)
         self._shown: list[Shown] = []
         if self._station.port.url.startswith("sim://"):
             self._station, self._text = simulated_station(*endless(self._station, self._text), self._shown)

@@ -119,6 +119,11 @@ def set_up(
     return setup
 
 
+def protocol_of(station: Station) -> Protocol:
+    """The wire format that a station file names, between its addresses."""
+    return addressed(load_protocol(station.protocol), station)
+
+
 def addressed(protocol: Protocol, station: Station) -> Protocol:
     """The protocol between the addresses that the station file states; UsageError where it has none.
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading, read_clock
+from drivers.ports import is_mock
 from gse.config.station import Station
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import LINK_WORDS, SKY_WORDS, StationKind
@@ -73,7 +74,6 @@ _FEWEST_FOR_SHARES = 100
 
 SEEN = "alarm seen"
 
-_NOT_LIVE = ("sim://", "replay://")
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""
@@ -448,7 +448,7 @@ class LiveState:
         self.housekeeping = Housekeeping({})
         self.in_work_since_ns: Callable[[], int] = lambda: 0
         self._displays: list[Display] = []
-        self._is_live = not station.port.url.startswith(_NOT_LIVE)
+        self._is_live = not is_mock(station.port.url)
         self._own = NewOwnErrors()
         self._events = EventLines(frozenset({StationKind.NOTE, StationKind.MOUNT_TOUCHED}))
         self._said = ""
