@@ -55,6 +55,7 @@ from gse.sessions.replay import Replay, StationInForce, names_program, station_i
 from gse.sessions.status_file import is_running, read_status
 from gse.station.columns import COLUMNS, Column
 from gse.station.events import ClockStep
+from gse.station.frame_columns import FrameColumns
 from gse.station.housekeeping import ITEM, Housekeeping, ItemSummary
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
@@ -68,6 +69,12 @@ from protocols import Item, StatusMessage, built_in_names
 from protocols.description import TimeDescription
 
 # Context of kept results: what a session holds besides the tables of frames and stars.
+
+
+_MADE_OTHERWISE = frozenset(
+    {"designation", "earth_orientation", "shown", "items", "item_summaries", "item_stride", "parameters"}
+)
+"""Fields of the context that no field of SessionData is."""
 
 
 class KeptContext(BaseModel):
@@ -105,8 +112,7 @@ class KeptContext(BaseModel):
     def from_session(cls, session: SessionData) -> "KeptContext":
         """The context of a session."""
         orientation, stars = session.earth_orientation, session.stars
-        own = {"designation", "earth_orientation", "shown", "items", "item_summaries", "item_stride", "parameters"}
-        values = {name: getattr(session, name) for name in cls.model_fields if name not in own}
+        values = {name: getattr(session, name) for name in cls.model_fields if name not in _MADE_OTHERWISE}
         return cls.model_construct(
             **values,
             designation=stars.designation if stars else "Gaia DR3",
@@ -121,17 +127,8 @@ class KeptContext(BaseModel):
     def give_to(self, session: SessionData) -> None:
         """Set the fields of a session; TruthError where the Earth orientation is none."""
         text = self.earth_orientation
-        for name in type(self).model_fields:
-            if name not in (
-                "designation",
-                "earth_orientation",
-                "shown",
-                "items",
-                "item_summaries",
-                "item_stride",
-                "parameters",
-            ):
-                setattr(session, name, getattr(self, name))
+        for name in type(self).model_fields.keys() - _MADE_OTHERWISE:
+            setattr(session, name, getattr(self, name))
         for shown in self.shown:
             session.shown.add(shown)
         session.earth_orientation = EarthOrientation.from_json(text) if text is not None else None
@@ -207,12 +204,12 @@ def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: P
     write_parquet([sessions_table(session, assessment, key)], part / "sessions.parquet")
     write_parquet(frames_parts(session, assessment.statistics, key.text), part / "frames.parquet")
     write_parquet(stars_parts(session, key.text), part / "stars.parquet")
-    write_parquet([_table(session.sensor_attitudes.columns)], part / "answers.parquet")
-    write_parquet([_table(session.frames.others)], part / "others.parquet")
-    write_parquet(_parts(session.housekeeping.rows, ITEM), part / _ITEMS)
+    write_parquet(_parts(session.sensor_attitudes.columns), part / "answers.parquet")
+    write_parquet(_parts(session.frames.others), part / "others.parquet")
+    write_parquet(_parts(session.housekeeping.rows), part / _ITEMS)
     names = session.star_names.rows
-    write_parquet(_parts(names, STAR_NAME), part / _NAMES)
-    write_parquet([_table(_listed(session.stars if len(names) else None))], part / _CATALOG)
+    write_parquet(_parts(names), part / _NAMES)
+    write_parquet(_parts(_listed(session.stars if len(names) else None)), part / _CATALOG)
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
     stride, context = session.frames.picture_stride, KeptContext.from_session(session)
     manifest = _Manifest.model_construct(key=key.text, files=files, picture_stride=stride, context=context)
@@ -285,7 +282,13 @@ def _opened(path: Path) -> BufferedReader:
     return path.open("rb")
 
 
-def _table(rows: NDArray[np.void]) -> pa.Table:
+def _parts(rows: NDArray[np.void] | FrameColumns) -> Iterator[pa.Table]:
+    """Many rows of a dtype in parts, at least one."""
+    for first in range(0, max(len(rows), 1), ROWS_AT_ONCE):
+        yield _table(rows[first : first + ROWS_AT_ONCE])
+
+
+def _table(rows: NDArray[np.void] | FrameColumns) -> pa.Table:
     """Rows of a dtype, a column for each of its fields."""
     return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in rows.dtype.names or ()})
 
@@ -295,13 +298,6 @@ def _listed(stars: ListedStars | None) -> NDArray[np.void]:
     if stars:
         rows["id"], rows["magnitude"] = stars.ids, stars.magnitude
     return rows
-
-
-def _parts(rows: Any, dtype: "np.dtype[np.void]") -> Iterator[pa.Table]:
-    """Many rows of a dtype in parts, at least one."""
-    for first in range(0, max(len(rows), 1), ROWS_AT_ONCE):
-        part = rows[first : first + ROWS_AT_ONCE]
-        yield pa.table({name: pa.array(np.ascontiguousarray(part[name])) for name in dtype.names or ()})
 
 
 def _rows(columns: ParquetColumns, dtype: "np.dtype[np.void]") -> NDArray[np.void]:
