@@ -23,7 +23,7 @@ from drivers.ports import is_mock
 from drivers.session_file.records import CLOCK
 from gse.config.station import Station
 from gse.errors import UsageError
-from gse.external.recorded import recorded_json
+from gse.external.identifier import recorded_json
 from gse.procedure.as_run import StepOutcome, StepRun
 from gse.procedure.desk import ANSWER
 from gse.procedure.engine import Run

@@ -20,7 +20,7 @@ from gse.catalog.readers import GAIA
 from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_recorded
 from gse.errors import TruthError, UsageError
-from gse.external.recorded import RecordedAnswers, read_identity
+from gse.external.identifier import RecordedAnswers, read_identity
 from gse.recording.session_format import (
     EARTH_ORIENTATION,
     IDENTIFIER,
