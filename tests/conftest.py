@@ -52,6 +52,9 @@ for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.
 WITH_LITTLE_MACHINE_CODE = tuple(TESTS / folder for folder in ("drivers", "gse/statistics", "protocols"))
 """Folders whose tests compile next to nothing: in a fresh clone they run while the tutorial compiles for all."""
 
+WITH_THE_SEARCH = ("test_counted_frames.py", "test_not_run.py")
+"""Files of these folders that identify stars: so early they would compile second copies of the search, 25 s each."""
+
 LONG = ("test_cluster.py", "test_without_posix.py", "test_neighbour.py", "test_browser.py")
 """Files that take long and wait much: begun last, they would leave a processor without work at the end.
 
@@ -77,7 +80,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def _turn(path: Path) -> int:
     if path.name == "test_tutorial.py":
         return 0
-    if any(path.is_relative_to(folder) for folder in WITH_LITTLE_MACHINE_CODE):
+    if path.name not in WITH_THE_SEARCH and any(path.is_relative_to(folder) for folder in WITH_LITTLE_MACHINE_CODE):
         return 1
     return 2 if path.name in LONG else 3
 
