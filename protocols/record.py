@@ -94,6 +94,11 @@ def width(field: FieldDescription) -> int:
     return 8 if field.type in TEXT_TYPES else int(field.type[1:]) // 8
 
 
+def counts_digits(field: FieldDescription, kind: Kind) -> bool:
+    """Whether a line's number is counted in units of its last digit: a double holds too few digits of a time."""
+    return field.type == "decimal" and kind is Kind.INTEGER and bool(field.unit and field.digits)
+
+
 def bits(field: FieldDescription) -> tuple[int, int]:
     """The lowest bit of its word that is the field's, and how many are."""
     if field.mask is None:
@@ -202,6 +207,8 @@ def _layout(field: FieldDescription, role: Role, description: Description) -> Fi
     scale = field.scale
     if scale is None:
         scale = description.scale if role.attribute == "xy_px" else Fraction(1)
+    if counts_digits(field, role.kind):
+        scale /= 10 ** (field.digits or 0)
     unit = role.units[field.unit] if field.unit else Unit()
     shift, many = bits(field)
     is_text = field.type in TEXT_TYPES

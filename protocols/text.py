@@ -14,6 +14,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, date, datetime, timedelta
+from decimal import Decimal
 from typing import Any
 
 from protocols.delimiter import Delimiter
@@ -22,7 +23,7 @@ from protocols.errors import EncodeError
 from protocols.frame import BAD_CRC, BAD_LENGTH, NO_SYNC, UNKNOWN_TYPE, Reason
 from protocols.layout import FrameLayout, MessageLayout, compile_frame
 from protocols.reading import DescriptionSource
-from protocols.record import order_of
+from protocols.record import counts_digits, order_of
 from protocols.vocabulary import SPARE, Kind
 
 LINE = Delimiter("a line", b"\n", lambda line: line + b"\r\n", lambda line: line.removesuffix(b"\r"), "")
@@ -234,6 +235,9 @@ def _field(
         case _ if kind is Kind.NUMBER:
             digits = field.digits
             return TextField("d", _decimal, repr if digits is None else lambda number: f"{number:.{digits}f}")
+        case _ if counts_digits(field, kind):
+            last = Decimal(1).scaleb(-(field.digits or 0))
+            return TextField("q", lambda word: _counted(word, last), lambda number: f"{int(number) * last:f}")
         case _:
             return TextField("q", _whole, lambda number: str(int(number)))
 
@@ -267,6 +271,12 @@ def _decimal(word: str) -> float:
     if not _DECIMAL.fullmatch(word):
         raise _NoNumberError
     return float(word)
+
+
+def _counted(word: str, last: Decimal) -> int:
+    if not _DECIMAL.fullmatch(word):
+        raise _NoNumberError
+    return int((Decimal(word) / last).to_integral_value())
 
 
 def _iso(word: str) -> int:

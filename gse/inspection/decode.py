@@ -458,7 +458,9 @@ def _explain_line(layout: TextLayout, discard: Discard) -> str:
         case "truncated":
             return "the stream ends before the line does"
         case _:
-            return "not as many fields as this line has, or a field that is no number"
+            return (
+                "not as many fields as this line has, or a field that is no number: a time with a point needs `digits`"
+            )
 
 
 def _checksums(layout: FrameLayout, content: bytes, size: int) -> str:

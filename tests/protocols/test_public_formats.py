@@ -354,6 +354,35 @@ messages:
 """
 
 
+SECONDS = """
+version: 1
+name: seconds
+byte_order: big
+framing: {kind: line}
+header: [{name: type, type: word}]
+checksum: {name: none}
+messages:
+  ATTITUDE:
+    code: ATT
+    direction: from sensor
+    fields:
+      - {name: time, type: decimal, unit: s, digits: 3}
+      - {name: ra, type: decimal, unit: deg, digits: 1}
+      - {name: de, type: decimal, unit: deg, digits: 1}
+"""
+
+
+def test_a_time_of_a_line_may_have_a_point() -> None:
+    protocol = parse_protocol(SECONDS, "seconds")
+    line = b"ATT,1774018800.007,10.0,20.0\r\n"
+    message = protocol.decode(only(protocol, line))
+    assert message.time_us == 1_774_018_800_007_000
+    assert protocol.encode(message, 0) == line
+    assert protocol.decode(only(protocol, b"ATT,12,0,0\n")).time_us == 12_000_000
+    without_digits = parse_protocol(SECONDS.replace("unit: s, digits: 3", "unit: s"), "seconds")
+    assert "ATTITUDE" not in reasons(found_in(without_digits, line))
+
+
 def test_words_of_a_line_may_be_others_than_their_names() -> None:
     protocol, lines = parse_protocol(FIXES, "fixes"), "ATT,100,FIX,6,-45.5,21.5\nATT,200,DARK,0,0,21\n"
     frames = [piece for piece in FrameDecoder(protocol).feed(lines.encode()) if isinstance(piece, Frame)]
