@@ -20,6 +20,7 @@ from drivers.session_file.records import RX, RecordedMessage
 from protocols import built_in_names, load_protocol
 from protocols.checksum import CHECKSUMS
 from protocols.delimiter import DELIMITERS
+from protocols.frame import Frame
 from protocols.framing import FrameDecoder
 
 SCHEMA = "gse.decode.try/1"
@@ -230,6 +231,6 @@ def _built_in(data: bytes) -> Iterator[tuple[str, float]]:
     for name in built_in_names():
         decoder = FrameDecoder(load_protocol(name))
         pieces = [*decoder.feed(data), *decoder.finish()]
-        framed = sum(getattr(piece, "size", 0) for piece in pieces)
+        framed = sum(piece.size for piece in pieces if isinstance(piece, Frame))
         shares.append((name, round(framed / max(len(data), 1), 4)))
     yield from ((name, share) for name, share in sorted(shares, key=lambda item: -item[1]) if share > 0)
