@@ -31,6 +31,14 @@ _LINE_STEP = "look at what did not arrive whole, then at cable and baud rate: gs
 _STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
 _PROCEDURE_STEP = "see to what the step says, and run it again"
 _COVERED_STEP = "repeat it with nothing before the lens; where nothing was, the sensor was blind: gse view SESSION"
+_OBSTACLE_STEPS = {
+    "belong to no panorama": "see whether ATTITUDE has the time tag and frame_no of its PANORAMA: gse decode SESSION",
+    "the sensor's clock (": "where dRA* keeps its limit the sensor's clock is right, and this computer's is not: gse "
+    "preflight; else correct sensor.time in the station file",
+    "frames read late": "look what holds bytes back between sensor and computer, and repeat the session",
+}
+"""What to do about a reason that has these words: a longer session leaves it where it is."""
+_OTHER_STEP = "see to what stands in the way of a verdict, and repeat the session: gse why SESSION"
 _PLAN_STEP = "see how much longer a session must be: gse plan SESSION"
 _LABELS = (("reason", "why"), ("cause", "cause"), ("note", "note"), ("next", "next"))
 _MOST_LINES = {"why": 2, "cause": 3, "note": 2, "next": 2, "not tested": 2, "": 2}
@@ -182,6 +190,7 @@ def _found(report: dict[str, Any]) -> tuple[str, str, list[str]]:
     cause, _, step = set_up.removeprefix(SET_UP).partition("; next: ")
     if not cause and report["verdict"] != "PASS" and report["identification"]["frames"]:
         cause = next(_obstacles(report), "")
+        step = next((step for words, step in _OBSTACLE_STEPS.items() if words in cause), "")
     link = report["link"]
     if not cause and report["verdict"] == "FAIL" and link["frames_lost"]:
         lost, discarded = count_text(link["frames_lost"], "frame"), count_text(link["bytes_discarded"], "byte")
@@ -210,8 +219,11 @@ def next_steps(report: dict[str, Any], steps: list[str] | None = None) -> list[s
         steps.append(_NIGHT_STEP)
     if not steps and _was_blind(report):
         steps.append(_COVERED_STEP)
+    if not steps and report["verdict"] == "INCONCLUSIVE":
+        is_open = any(row["outcome"] == Outcome.INCONCLUSIVE for row in report["measurements"])
+        steps.append(_PLAN_STEP if is_open else _OTHER_STEP)
     if not steps:
-        steps.append(_PLAN_STEP if report["verdict"] == "INCONCLUSIVE" else "look at the errors: gse view SESSION")
+        steps.append("look at the errors: gse view SESSION")
     return list(dict.fromkeys(steps))
 
 

@@ -155,7 +155,7 @@ def looks_like(off_s: float, time: TimeDescription, utc_ns: int) -> str:
         return f"{weeks:+d} times the 1024 weeks after which the week number of GPS rolls over"
     hours = round(off_s / 1800) / 2
     if hours and abs(hours) <= 14 and abs(off_s - hours * 3600) < 30:
-        return f"{hours:g} hours: a time zone, or daylight saving time"
+        return f"{hours:g} hour{'' if abs(hours) == 1 else 's'}: a time zone, or daylight saving time"
     days = round(off_s / 86_400)
     if days and abs(off_s - days * 86_400) < 30:
         return f"{days:+d} days: the date of one of the two clocks is wrong"

@@ -113,6 +113,28 @@ def test_rows_without_data_are_not_listed_and_a_required_one_is(cloudy) -> None:
     assert conclusion(required)["not_tested"][0] == row["reason"]
 
 
+@pytest.mark.parametrize(
+    ("reason", "next_step"),
+    [
+        ("sensor: 9 of its answers belong to no panorama, or another one followed", "gse decode SESSION"),
+        ("the sensor's clock (unix) is -3600.040 s from the host's: 1 hour", "correct sensor.time in the station file"),
+        ("330 of 600 frames are left out for frames read late", "between sensor and computer, and repeat the session"),
+        ("the temperature in 3 of 9 STATUS frames is not a number", "gse why SESSION"),
+    ],
+)
+def test_where_each_row_is_decided_no_longer_session_is_asked_for(cloudy, reason, next_step) -> None:
+    kept = {"verdict": "INCONCLUSIVE", "diagnosis": [], "findings": [], "reasons": [reason], "exclusions": []}
+    report = copy.deepcopy(cloudy) | kept
+    for row in report["measurements"]:
+        row["outcome"] = "PASS"
+    told = conclusion(report)
+    assert (told["cause"], told["reason"]) == (reason, "")
+    assert told["next"].endswith(next_step)
+    report["measurements"][0]["outcome"] = "INCONCLUSIVE"
+    is_named = "STATUS" not in reason
+    assert conclusion(report)["next"].endswith(next_step if is_named else "gse plan SESSION")
+
+
 def test_bytes_without_a_frame_are_named_as_what_they_are(cloudy) -> None:
     untrue = "dRA*: it cannot be judged, because the error of the sidereal truth is not known"
     junk = copy.deepcopy(cloudy) | {"diagnosis": [], "findings": [], "reasons": [untrue]}
