@@ -199,11 +199,11 @@ def _of(options: tuple[Any, ...], place: int) -> Any:
 def _session(
     path: Path, identifier: str | None, station_path: Path | None, start_utc: str | None, *, anew: bool
 ) -> SessionData:
-    from gse.cli.progress import session_with_progress
+    from gse.cli.progress import judged_with_progress
     from gse.sessions.replay import ReplayOptions
 
     change = change_to(station_path, identifier)
-    session = session_with_progress(path, options=ReplayOptions(start_utc=start_utc), station=change, anew=anew)
+    session = judged_with_progress(path, options=ReplayOptions(start_utc=start_utc), station=change, anew=anew).session
     if not len(session.frames) and not len(session.sensor_attitudes):
         raise UsageError(f"{path} has neither a panorama nor an answer of the sensor to compare; see 'gse why {path}'")
     return session

@@ -18,7 +18,6 @@ from gse.sessions.replay import Replay, ReplayOptions, replay_session
 from gse.sessions.status_file import is_being_recorded
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
-from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
     from gse.sessions.kept_results import Judged
@@ -105,7 +104,6 @@ def judged_with_progress(
     With options the session is another one: then results are neither used nor kept.
     """
     from gse.sessions.kept_results import Judged, judged_session
-    from gse.verdict.assessment import judge
 
     spare_pandas()
 
@@ -116,24 +114,8 @@ def judged_with_progress(
         say(f"{path} is being recorded: this covers what there is so far")
     if options not in (None, ReplayOptions()):
         replay = derive()
-        return Judged(replay.session, judge(replay.session), replay.own_elapsed_us)
+        return Judged(replay.session, replay.own_elapsed_us)
     return judged_session(path, station=station, derive=derive, tell=say, anew=anew)
-
-
-def session_with_progress(
-    path: Path, *, options: ReplayOptions, station: Callable[[StationText], StationText], anew: bool
-) -> SessionData:
-    """The session of ``judged_with_progress`` without its assessment, which kept results do not hold."""
-    from gse.sessions.kept_results import session_alone
-
-    spare_pandas()
-
-    def derive() -> Replay:
-        return replay_with_progress(path, options=options, station=station)
-
-    if options != ReplayOptions():
-        return derive().session
-    return session_alone(path, station=station, derive=derive, tell=say, anew=anew)
 
 
 class ReplayedShare:

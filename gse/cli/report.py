@@ -66,7 +66,8 @@ class _Judging:
         )
         if self.clock_error_s is None and not self.excluded:
             return found
-        return replace(found, assessment=judge_as_stated(found.session, self.clock_error_s, self.excluded))
+        stated = judge_as_stated(found.session, self.clock_error_s, self.excluded)
+        return replace(found, _assessment=stated)
 
 
 @dataclass(frozen=True, slots=True)

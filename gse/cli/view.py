@@ -85,9 +85,8 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     from gse.view.saved_view import save_view
 
     judged = judged_with_progress(path)
-    session, assessment = judged.session, judged.assessment
-    if clock_error_s is not None:
-        assessment = judge_as_stated(session, clock_error_s, ())
+    session = judged.session
+    assessment = judged.assessment if clock_error_s is None else judge_as_stated(session, clock_error_s)
     utc_ns = int(session.frames.columns["utc_ns"][0]) if len(session.frames) else None
     statistics, told = assessment.statistics, summarise(session, assessment)["conclusion"]
     verdict, why = told["headline"], explained(told)

@@ -28,20 +28,18 @@ def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None
     Without SESSION: on the newest one below ./sessions. The findings are those of the report;
     docs/troubleshooting.md explains each.
     """
+    from gse.cli.finish import judge_as_stated
     from gse.cli.progress import judged_with_progress
     from gse.report.summary import summarise
     from gse.report.why import why_page, write_bundle
-    from gse.verdict.assessment import judge
 
     if with_site and bundle_path is None:
         raise UsageError("--with-site says what a bundle holds; expected --bundle FILE beside it")
     if bundle_path is not None and bundle_path.exists():
         raise UsageError(f"{bundle_path} exists already; choose another name")
     judged = judged_with_progress(path)
-    session, assessment = judged.session, judged.assessment
-    if clock_error_s is not None:
-        session.clock_error_s = clock_error_s
-        assessment = judge(session)
+    session = judged.session
+    assessment = judged.assessment if clock_error_s is None else judge_as_stated(session, clock_error_s)
     report = summarise(session, assessment)
     click.echo(why_page(report, session.events, str(path)))
     if bundle_path is not None:

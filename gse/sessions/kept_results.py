@@ -323,13 +323,23 @@ def _drop_oldest(results: Path) -> None:
 Change = Callable[[StationText], StationText]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Judged:
-    """A session and its assessment; ``own_elapsed_us`` are this host's identification times, none of kept results."""
+    """A session and its assessment; ``own_elapsed_us`` are this host's identification times, none of kept results.
+
+    Kept results hold no assessment: it is made when it is first asked for.
+    """
 
     session: SessionData
-    assessment: Assessment
     own_elapsed_us: "array[float]"
+    _assessment: Assessment | None = None
+
+    @property
+    def assessment(self) -> Assessment:
+        """The verdict on the session, with its statistics."""
+        if self._assessment is None:
+            self._assessment = judge(self.session)
+        return self._assessment
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,7 +354,7 @@ class _Place:
 def judged_session(
     path: Path, *, station: Change, derive: Callable[[], Replay], tell: Callable[[str], None], anew: bool = False
 ) -> Judged:
-    """The session of a recording and its assessment, from kept results, or from ``derive`` and then kept.
+    """The session of a recording with its assessment, from kept results, or from ``derive`` and then kept.
 
     ``station`` changes the recorded station, as ``derive`` does. ``tell`` gets a line about the results that are used,
     or why they are not. ``anew`` uses none. Results of a recording that has no station of its own, of one that is
@@ -353,24 +363,13 @@ def judged_session(
     """
     place = _place(path, station)
     session = _kept(place, tell) if place and not anew else None
-    return _derived(place, derive, tell) if session is None else Judged(session, judge(session), array("d"))
-
-
-def session_alone(
-    path: Path, *, station: Change, derive: Callable[[], Replay], tell: Callable[[str], None], anew: bool = False
-) -> SessionData:
-    """The session of ``judged_session`` without its assessment: of kept results nothing is judged again."""
-    place = _place(path, station)
-    session = _kept(place, tell) if place and not anew else None
-    return _derived(place, derive, tell).session if session is None else session
-
-
-def _derived(place: _Place | None, derive: Callable[[], Replay], tell: Callable[[str], None]) -> Judged:
+    if session is not None:
+        return Judged(session, array("d"))
     replay = derive()
-    assessment = judge(replay.session)
+    judged = Judged(replay.session, replay.own_elapsed_us)
     if place:
-        _keep(replay.session, assessment, place, tell)
-    return Judged(replay.session, assessment, replay.own_elapsed_us)
+        _keep(judged.session, judged.assessment, place, tell)
+    return judged
 
 
 def _kept(place: _Place, tell: Callable[[str], None]) -> SessionData | None:
