@@ -43,7 +43,7 @@ from gse.cli.options import (
     station_option,
 )
 from gse.cli.screen import scene_option, served, stage_of
-from gse.config.choice import station_of, with_identifier, with_values
+from gse.config.choice import station_of, with_identifier, with_url
 from gse.config.station import Sensor, Station
 from gse.errors import GseError, UsageError
 from gse.procedure.desk import Desk
@@ -51,7 +51,7 @@ from gse.procedure.engine import Run
 from gse.procedure.file import Procedure, check, duration_s, exposure_range_s, parse_procedure
 from gse.process import terminal
 from gse.sessions import night
-from gse.sessions.live import REST_S, Ending, LiveSession, Operator, run_live
+from gse.sessions.live import REST_S, Ending, LiveSession, Operator, run_live, told_once
 from gse.sessions.night import run_every_night
 from gse.sessions.status_file import StatusFile, is_unfinished, session_folders
 from gse.station.events import Notes, StationKind
@@ -436,12 +436,7 @@ def _station(
     if argument is not None and option is not None:
         raise UsageError(f"two station files: {argument} and {option}; give one")
     station, text = with_identifier(*station_of(argument or option), identifier)
-    return (station, text) if url is None else _with_url(station, text, url)
-
-
-def _with_url(station: Station, text: str, url: str) -> tuple[Station, str]:
-    port = station.port.model_copy(update={"url": url})
-    return station.model_copy(update={"port": port}), with_values(text, "port", {"url": url})
+    return (station, text) if url is None else with_url(station, text, url)
 
 
 def _with_scene(station: Station, text: str, scene: str | None, rates: str | None) -> tuple[Station, str]:
@@ -449,7 +444,7 @@ def _with_scene(station: Station, text: str, scene: str | None, rates: str | Non
     given = {name: value for name, value in (("scenario", scene), ("rates", rates)) if value is not None}
     if not given:
         return station, text
-    return _with_url(station, text, sim_url(**(parse_mock_url(station.port.url).options | given)))
+    return with_url(station, text, sim_url(**(parse_mock_url(station.port.url).options | given)))
 
 
 def say_line(text: str) -> None:
@@ -502,13 +497,7 @@ def _before_sensor(
     """What a screen shows, or a simulation all at once, since the last call; and whether its scene is over."""
     if stage is not None:
         return stage.take, lambda: stage.is_over
-    left = list(shown)
-
-    def take() -> list[Shown]:
-        taken, left[:] = list(left), []
-        return taken
-
-    return take, lambda: False
+    return told_once(shown), lambda: False
 
 
 # Procedures in a session: of a file (gse procedure), or of the one repeat that --starts is.

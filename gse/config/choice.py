@@ -49,6 +49,12 @@ def station_of(path: Path | None) -> StationText:
     return _beside(station, path), text
 
 
+def with_url(station: Station, text: str, url: str) -> StationText:
+    """The station on another port, and its text."""
+    port = station.port.model_copy(update={"url": url})
+    return station.model_copy(update={"port": port}), with_values(text, "port", {"url": url})
+
+
 def with_address(station: Station, text: str, address: int | None) -> StationText:
     """The station of another sensor on the same line, and its text."""
     if address is None:

@@ -203,6 +203,17 @@ class Operator:
     scene_is_over: Callable[[], bool] = lambda: False
 
 
+def told_once(shown: Sequence[Shown]) -> Callable[[], list[Shown]]:
+    """News of a screen that a simulation knows from the begin: all of it at the first call."""
+    left = list(shown)
+
+    def news() -> list[Shown]:
+        found, left[:] = list(left), []
+        return found
+
+    return news
+
+
 def new_session_folder(out: Path, name: str, utc_ns: int | None) -> Path:
     """A new folder <UTC>-<sensor>/ under ``out``, numbered if the name is taken; without an unknown UTC."""
     begun = "" if utc_ns is None else instant.to_text(utc_ns, 0).replace(":", "").replace("-", "") + "-"

@@ -32,8 +32,6 @@ from gse.view.verdict_text import headline
 # ``gse note`` leaves a file, and the thread of the status file takes it away within a second: no server is needed.
 # Anybody who may write into the folder may leave a note.
 
-_PATTERN = "note-*.txt"
-_COMMANDS = "command-*.txt"
 _READ = READ | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
 """No pipe is waited for, and no link takes another file of this host into the session."""
 
@@ -43,42 +41,36 @@ def leave_note(folder: Path, text: str, number: int) -> Path:
 
     ``number`` tells notes apart. UsageError where it cannot be written.
     """
-    path = folder / f"note-{number:020d}.txt"
-    try:
-        write_whole(path, [text + "\n"])
-    except OSError as error:
-        raise UsageError(f"cannot leave a note in {folder}: {error.strerror}") from error
-    return path
+    return _leave(folder, "note", text, number)
 
 
 def leave_command(folder: Path, data: bytes, number: int) -> Path:
-    """Leave a command to the sensor of the session that records into ``folder``; the file goes when it is taken."""
-    path = folder / f"command-{number:020d}.txt"
+    """Leave a command to the sensor in the same way."""
+    return _leave(folder, "command", data.hex(), number)
+
+
+def _leave(folder: Path, kind: str, text: str, number: int) -> Path:
+    path = folder / f"{kind}-{number:020d}.txt"
     try:
-        write_whole(path, [data.hex() + "\n"])
+        write_whole(path, [text + "\n"])
     except OSError as error:
-        raise UsageError(f"cannot leave a command in {folder}: {error.strerror}") from error
+        raise UsageError(f"cannot leave a {kind} in {folder}: {error.strerror}") from error
     return path
 
 
-def collect_commands(folder: Path, notes: Notes) -> None:
-    """Take the commands that were left in a folder, oldest first; what is none is thrown away."""
-    left = (path for path in sorted(folder.glob(_COMMANDS)) if not path.is_dir())
-    for path in itertools.islice(left, MOST_WAITING):
-        with contextlib.suppress(OSError, ValueError):
-            text = _content(path)
-            path.unlink()
-            notes.put(OF_SENSOR + bytes.fromhex(text).hex())
-
-
 def collect_notes(folder: Path, notes: Notes) -> None:
-    """Take the notes that were left in a folder, oldest first; what is not one line of text is thrown away."""
-    left = (path for path in sorted(folder.glob(_PATTERN)) if not path.is_dir())
-    for path in itertools.islice(left, MOST_WAITING):
-        with contextlib.suppress(OSError, ValueError):
-            text = _content(path)
-            path.unlink()
-            notes.put(note_text(text))
+    """Take the notes and the commands that were left in a folder, oldest first; what is none is thrown away."""
+    for kind, read in (("note", note_text), ("command", _command_text)):
+        left = (path for path in sorted(folder.glob(f"{kind}-*.txt")) if not path.is_dir())
+        for path in itertools.islice(left, MOST_WAITING):
+            with contextlib.suppress(OSError, ValueError):
+                text = _content(path)
+                path.unlink()
+                notes.put(read(text))
+
+
+def _command_text(text: str) -> str:
+    return OF_SENSOR + bytes.fromhex(text).hex()
 
 
 def _content(path: Path) -> str:
@@ -195,7 +187,6 @@ class StatusFile:
             self._write(mark, last=last)
             if self._state == "running":
                 collect_notes(self._folder, self._notes)
-                collect_commands(self._folder, self._notes)
             if not last:
                 self._changed.wait(EVERY_S)
 

@@ -17,7 +17,7 @@ import yaml
 
 from drivers.mock_ports import parse_mock_url
 from drivers.urlhandlers.protocol_sim import register
-from gse.config.choice import station_of, with_values
+from gse.config.choice import station_of, with_url
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.procedure.as_run import StepOutcome
@@ -25,7 +25,7 @@ from gse.procedure.desk import Desk
 from gse.procedure.engine import Done, OpenRun
 from gse.procedure.file import check, parse_procedure
 from gse.report.files import write_report
-from gse.sessions.live import Ending, LiveSession, Operator, run_live
+from gse.sessions.live import Ending, LiveSession, Operator, run_live, told_once
 from gse.station.results import Verdict
 from gse.station.setup import protocol_of
 from gse.values.screen import Shown
@@ -141,15 +141,9 @@ class SteppedSession:
         def opened(folder: Path, status: object) -> None:
             self.folder = folder
 
-        waiting = list(self._shown)
-
-        def shown() -> list[Shown]:
-            found, waiting[:] = list(waiting), []
-            return found
-
         try:
             self._run.on_begin = self._opened.set
-            operator = Operator(self._ending, opened=opened, screen_news=shown)
+            operator = Operator(self._ending, opened=opened, screen_news=told_once(self._shown))
             self._result.set_result(run_live(self._station, self._text, self._out, operator, procedure=self._run))
         except BaseException as error:
             self._result.set_exception(error)
@@ -189,6 +183,4 @@ def endless(station: Station, text: str, seconds: float = _SIMULATED_S) -> tuple
         return station, text
     own = {name: value for name, value in options.items() if name in ("scenario", "rate_hz", "start")}
     frames = max(round(seconds * scenario_of(own, station).rate_hz), 1)
-    url += f"{'&' if '?' in url else '?'}frames={frames}"
-    port = station.port.model_copy(update={"url": url})
-    return station.model_copy(update={"port": port}), with_values(text, "port", {"url": url})
+    return with_url(station, text, f"{url}{'&' if '?' in url else '?'}frames={frames}")
