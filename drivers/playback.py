@@ -90,6 +90,14 @@ def _raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:
             yield Chunk(start_utc_ns, 0, data)
 
 
+def check_recording(path: Path) -> None:
+    """CaptureError where there is nothing, or nothing was recorded."""
+    if not path.exists():
+        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
+    if path.is_file() and path.stat().st_size == 0:
+        raise CaptureError(f"{path} is empty: nothing was recorded in it")
+
+
 def is_session(path: Path) -> bool:
     """Whether a path is to be read as a session: a folder, a .mcap file, or anything that begins as MCAP."""
     if path.is_dir() or path.suffix == ".mcap":

@@ -14,7 +14,7 @@ from drivers.errors import CaptureError, UrlError
 from drivers.faults import OPTIONS as FAULT_OPTIONS
 from drivers.faults import inject, parse_faults
 from drivers.mock_ports import Item, MockUrl, TimestampedSerial, parse_mock_url
-from drivers.playback import cut, is_session, raw_items, session_items, utc_option
+from drivers.playback import check_recording, cut, is_session, raw_items, session_items, utc_option
 
 OPTIONS = ("speed", "from", "to", "loop", "cut", "start_utc", *FAULT_OPTIONS)
 
@@ -40,8 +40,7 @@ class Serial(TimestampedSerial):
 
 def _pass(url: MockUrl) -> Iterator[Item]:
     path = Path(url.path)
-    if not path.exists():
-        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
+    check_recording(path)
     start_utc_ns = utc_option("start_utc", url.options.get("start_utc"))
     if is_session(path):
         return session_items(path, utc_option("from", url.options.get("from")), utc_option("to", url.options.get("to")))

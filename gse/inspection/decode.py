@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import CaptureError
-from drivers.playback import is_session, refuse_dump
+from drivers.playback import check_recording, is_session, refuse_dump
 from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage
-from gse.errors import UsageError
 from gse.recording.session_format import PROTOCOL
 from gse.station.reception import Arrivals
 from gse.station.results import LinkCounters
@@ -195,10 +193,7 @@ class Decoding:
 
 
 def _check_readable(path: Path) -> None:
-    if not path.exists():
-        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
-    if path.is_file() and path.stat().st_size == 0:
-        raise UsageError(f"{path} is empty: nothing was recorded in it")
+    check_recording(path)
     if path.is_file() and not is_session(path):
         refuse_dump(path)
 

@@ -15,7 +15,7 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock_ports import replay_url
-from drivers.playback import is_session
+from drivers.playback import check_recording, is_session
 from gse.catalog.readers import GAIA
 from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_recorded
@@ -175,10 +175,7 @@ def replay_session(
 
 def _recorded(path: Path, options: ReplayOptions, change: Callable[[StationText], StationText]) -> Recorded | None:
     """What a session holds beside its bytes, None of a raw capture whose start is given."""
-    if not path.exists():
-        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
-    if path.is_file() and path.stat().st_size == 0:
-        raise CaptureError(f"{path} is empty: nothing was recorded in it")
+    check_recording(path)
     if is_session(path):
         return read_recorded(path)
     if options.start_utc is None:
