@@ -217,7 +217,7 @@ def test_the_weightiest_exit_code_wins_and_all_are_said(
 def test_a_session_whose_working_folder_is_deleted_is_whole_and_judged(tmp_path: Path) -> None:
     working = tmp_path / "working"
     working.mkdir()
-    command = [sys.executable, "-m", "gse", "run", "--port", "sim://?speed=1", "--duration", "8", "--no-plots"]
+    command = [sys.executable, "-m", "gse", "run", "--port", "sim://?speed=1", "--duration", "5", "--no-plots"]
     with subprocess.Popen(command, cwd=working, stdout=DEVNULL, stderr=PIPE, text=True) as process:
         assert process.stderr is not None
         next(line for line in process.stderr if "STREAMING" in line)
