@@ -181,9 +181,9 @@ SLOW = STILL.replace("rate_hz: 5", "rate_hz: 1")
 """Of a mirrored image each frame is searched in vain."""
 
 
-def rehearsed(folder, station, device, scene=None):
+def rehearsed(folder, station, device, scene=None, rate_hz=3):
     """The session before a screen that differs from the stated one, and its exit code; of the scene screen-fit."""
-    fit = (files("gse.simulator") / "scenarios" / "screen-fit.yaml").read_text() + "rate_hz: 5\n"
+    fit = (files("gse.simulator") / "scenarios" / "screen-fit.yaml").read_text() + f"rate_hz: {rate_hz}\n"
     (folder / "fit.yaml").write_text(f"{scene or fit}device: {device}\n")
     port = f"sim://?scenario={folder}/fit.yaml"
     before = set(folder.glob("sessions/*"))
@@ -227,7 +227,7 @@ def test_a_screen_that_is_as_stated_has_no_finding(folder):
 
 def test_a_fitted_screen_is_written_and_the_next_session_is_judged_relative_to_it(tmp_path):
     (tmp_path / "lab.yaml").write_text(STATION)
-    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", f"{{screen: {REAL}}}")
+    session, code = rehearsed(tmp_path, tmp_path / "lab.yaml", f"{{screen: {REAL}}}", rate_hz=1)
     assert code != 0
     fitted = tmp_path / "fitted.yaml"
     fit = CliRunner().invoke(cli, ["align", str(session), "--write", str(fitted), "--json"])
