@@ -1,14 +1,9 @@
 """The golden sessions, through replay:// and the station's own loop, give their reports to the last digit."""
 
-import os
-import platform
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from gse.cli import EXIT_FAIL, main
 from gse.sessions.golden import check, expected_path, recordings_in
 from gse.sessions.replay import ReplayOptions, replay_session
 
@@ -32,19 +27,6 @@ def test_one_thread_gives_the_results_and_events_of_two() -> None:
     assert one.frames.columns.rows().tobytes() == two.frames.columns.rows().tobytes()
     assert one.frames.matches.tobytes() == two.frames.matches.tobytes()
     assert one.events == two.events
-
-
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="the instructions that are switched off are x86-64's")
-def test_a_machine_with_a_lesser_processor_gives_the_same_report_to_the_byte(tmp_path: Path) -> None:
-    lesser = {"NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512_SKX X86_V3 X86_V4", "OPENBLAS_CORETYPE": "Nehalem"}
-    words = ["replay", str(GOLDEN / "own-answers.mcap"), "--out"]
-    command = [sys.executable, "-m", "gse", *words, tmp_path / "lesser"]
-    assert subprocess.run(command, env={**os.environ, **lesser}, capture_output=True).returncode == EXIT_FAIL
-    with pytest.raises(SystemExit):
-        main([*words, str(tmp_path / "this")])
-    for name in ("report.json", "report.html"):
-        one, other = (next((tmp_path / folder).glob(f"*/{name}")).read_bytes() for folder in ("lesser", "this"))
-        assert one == other
 
 
 def test_each_golden_session_is_small_and_has_its_command_and_its_words() -> None:
