@@ -450,7 +450,7 @@ def test_without_a_turn_it_passes_whoever_vouches(station):
 @pytest.mark.parametrize("station", [STATION, VOUCHED], ids=["nobody vouches", "vouched for"])
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 10.0)])
 def test_the_greater_a_turn_that_everything_shares_the_less_mild_is_the_word(station, direction):
-    sizes = 62.0, 1000.0, 4000.0, 40_000.0
+    sizes = 62.0, 1000.0, 40_000.0
     words = [judge(session(600, bias=tuple(size * np.array(direction)), station=station)).verdict for size in sizes]
     assert never_milder(words)
     assert words[-1] is (Verdict.INCONCLUSIVE if station is STATION else Verdict.FAIL)
