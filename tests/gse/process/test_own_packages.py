@@ -15,10 +15,10 @@ HERE = Path(gse.__file__).parents[1]
 USES_THE_API = "import gse; print(gse.identify)"
 
 
-@pytest.fixture(params=NAMES)
+@pytest.fixture
 def foreign(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A package of a user, in the folder where he stands."""
-    package = tmp_path / "work" / request.param / "__init__.py"
+    """A package of a user, in the folder where he stands; has the name of one of ours."""
+    package = tmp_path / "work" / getattr(request, "param", NAMES[-1]) / "__init__.py"
     package.parent.mkdir(parents=True)
     package.write_text('"""Somebody else\'s."""\n')
     return package
@@ -42,6 +42,7 @@ def test_the_program_runs_in_a_folder_with_a_package_of_that_name(foreign: Path)
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("foreign", NAMES, indirect=True)
 def test_a_process_of_others_keeps_its_package_and_is_told_why_gse_is_not_imported(foreign: Path) -> None:
     name = foreign.parent.name
     done = python(
