@@ -85,7 +85,8 @@ class TextLayout(FrameLayout):
         body, star, stated = content[len(self.begin) :].partition(b"*") if self.checksum.size else (content, b"", b"")
         if not self.checksum.size:
             body = content[len(self.begin) :]
-        found = [word.strip() for word in body.decode("latin-1").split(self.separator)]
+        text = body.decode("latin-1")
+        found = text.split() if self.separator == " " else [word.strip() for word in text.split(self.separator)]
         if len(found) < len(self.head):
             return BAD_LENGTH
         head = dict(zip(self.head, found, strict=False))

@@ -383,6 +383,14 @@ def test_a_time_of_a_line_may_have_a_point() -> None:
     assert "ATTITUDE" not in reasons(found_in(without_digits, line))
 
 
+def test_fields_between_blanks_may_stand_in_columns() -> None:
+    protocol = parse_protocol(SECONDS.replace("{kind: line}", '{kind: line, separator: " "}'), "blanks")
+    for line in (b"ATT 12.500 10.0 -20.0\r\n", b"ATT    12.500\t10.0   -20.0 \r\n"):
+        message = protocol.decode(only(protocol, line))
+        assert (message.time_us, message.ra_deg, message.de_deg) == (12_500_000, 10.0, -20.0)
+        assert protocol.encode(message, 0) == b"ATT 12.500 10.0 -20.0\r\n"
+
+
 def test_words_of_a_line_may_be_others_than_their_names() -> None:
     protocol, lines = parse_protocol(FIXES, "fixes"), "ATT,100,FIX,6,-45.5,21.5\nATT,200,DARK,0,0,21\n"
     frames = [piece for piece in FrameDecoder(protocol).feed(lines.encode()) if isinstance(piece, Frame)]
