@@ -17,7 +17,7 @@ from drivers.chunk import LinkEvent, LinkKind
 from gse.errors import UsageError
 from gse.station.events import ClockStep, StationKind
 from gse.station.frame_columns import Columns
-from gse.station.host_clock import ClockStretch, clock_steps, clock_stretches, first_rows
+from gse.station.host_clock import ClockStretch, clock_steps, clock_stretches
 from gse.values.constants import EARTH_RATE_RAD_PER_S
 from gse.values.instant import LAST_NS, NS_PER_S, from_text
 from gse.values.screen import ShownSky
@@ -26,7 +26,8 @@ AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""
 AROUND_TOUCH_NS = 60 * NS_PER_S
 """On either side of a note that the mount was touched: it is written before or after."""
-_SETTLES_WITHIN_NS = 30 * NS_PER_S
+_GOES_ON_NS = 30 * NS_PER_S
+"""The sensor's clock goes on, where its tags do not go back, or on by more than this."""
 _LATE_NS = 20_000_000
 """A third of an arcsecond of the sky, and the latency that a USB adapter may have."""
 
@@ -106,7 +107,7 @@ def exclusions(events: Iterable[LinkEvent], frames: Columns) -> tuple[Exclusion,
     return (
         *(item for event in steps for item in _around_step(event)),
         *(_wrong_clock(frames, item) for item in stretches if item.is_wrong and item.until > item.first),
-        *_late_starts(frames, first_rows(frames["host_utc_ns"], steps)),
+        *_waited(frames),
         *leapt_clock(frames),
         *after_restart(events, frames),
     )
@@ -184,51 +185,43 @@ def _wrong_clock(frames: Columns, stretch: ClockStretch) -> Exclusion:
     return Exclusion(int(utc_ns.min()), int(utc_ns.max()) + 1, reason, Cause.CLOCK_STEP, abs(offset_s))
 
 
-def _late_starts(frames: Columns, stepped: list[int]) -> Iterator[Exclusion]:
-    """Frames that had waited in a buffer when the port was opened: their bytes were read long after they came.
+def _waited(frames: Columns) -> Iterator[Exclusion]:
+    """Frames that had waited in a buffer: their bytes were read long after they came.
 
-    Until a frame comes that is read at once, nothing shows how late they are; then the offset of the sensor's clock,
-    which is the least seen so far, falls. A sensor clock that leaps or runs fast makes the same fall. Only frames out
-    of a buffer are read faster than they are taken, one right after the other from the first: the host's own stamps
-    show it.
+    They came before the port was opened, or something held them back for longer than the station remembers the offset
+    of the sensor's clock. While they come out of it nothing shows how late they are; with the last of them that offset,
+    the least that was seen of late, falls. A sensor clock that leaps or runs fast makes the same fall. Only frames out
+    of a buffer are read faster than they are taken, one right after the other: the host's own stamps show it.
     """
+    if len(frames) == 0:
+        return
     time_ns = frames["time_us"].astype(np.int64) * 1000
-    at_once = _read_at_once(frames["host_utc_ns"], time_ns)
-    begins = np.flatnonzero((np.diff(time_ns) < 0) | (np.diff(time_ns) > _SETTLES_WITHIN_NS)) + 1
-    begins = np.union1d(begins, np.array(stepped, dtype=np.int64))
-    for part in np.split(np.arange(len(frames)), begins):
-        first = part[time_ns[part] - time_ns[part[0]] <= _SETTLES_WITHIN_NS] if len(part) else part
-        if len(first) == 0 or (stepped and first[0] >= stepped[0]):
-            continue
-        utc_ns = frames["utc_ns"][first]
-        offset_ns = utc_ns - time_ns[first]
-        settled = int(np.argmax(offset_ns - offset_ns.min() <= _LATE_NS))
-        fall_ns = offset_ns[:settled] - offset_ns[settled]
-        late = (fall_ns > _LATE_NS) & _burst(at_once[first])[:settled]
-        if late.any():
-            reason = (
-                f"read up to {fall_ns[late].max() / NS_PER_S:.2f} s late: these frames waited in a buffer before the "
-                "port was read"
-            )
-            waited_ns = utc_ns[:settled][late]
-            late_s = float(fall_ns[late].max()) / NS_PER_S
+    offset_ns = frames["utc_ns"] - time_ns
+    begins = np.flatnonzero(~_read_at_once(frames["host_utc_ns"], time_ns))
+    sizes = np.diff(begins, append=len(frames))
+    least_ns = np.minimum.reduceat(offset_ns, begins)
+    after, steps_ns = begins[1:], time_ns[begins[1:]] - time_ns[begins[1:] - 1]
+    goes_on = (steps_ns > 0) & (steps_ns <= _GOES_ON_NS)
+    least_ns[:-1] = np.where(goes_on, np.minimum(least_ns[:-1], offset_ns[after]), least_ns[:-1])
+    burst = np.repeat(np.arange(len(begins)), sizes)
+    fall_ns = offset_ns - least_ns[burst]
+    late = np.flatnonzero((fall_ns > _LATE_NS) & (sizes > 1)[burst])
+    for rows in np.split(late, np.flatnonzero(np.diff(burst[late])) + 1):
+        if len(rows):
+            late_s = float(fall_ns[rows].max()) / NS_PER_S
+            reason = f"read up to {late_s:.2f} s late: these frames waited in a buffer before the port was read"
+            waited_ns = frames["utc_ns"][rows]
             yield Exclusion(int(waited_ns.min()), int(waited_ns.max()) + 1, reason, Cause.BACKLOG, late_s)
 
 
 def _read_at_once(host_utc_ns: NDArray[np.int64], time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which frames (M,) were read right after the one before: far faster than frames usually come, or were taken."""
+    """Which frames (M,) were read right after the one before: far faster than they come in the mean, or were taken."""
     at_once = np.zeros(len(host_utc_ns), dtype=bool)
     gaps_ns = np.diff(host_utc_ns)
     if len(gaps_ns):
-        usual_ns = np.minimum(np.median(gaps_ns), np.diff(time_ns))
+        usual_ns = np.minimum(gaps_ns.clip(0).mean(), np.diff(time_ns))
         at_once[1:] = (gaps_ns >= 0) & (gaps_ns < _AT_ONCE * usual_ns)
     return at_once
-
-
-def _burst(at_once: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which frames (M,) of a stretch were read in one go with its first."""
-    follows = np.logical_and.accumulate(at_once[1:])
-    return np.concatenate([follows[:1], follows]) if len(follows) else np.zeros(len(at_once), dtype=bool)
 
 
 def _around_step(event: ClockStep) -> Iterator[Exclusion]:
