@@ -319,9 +319,9 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
     frame_hz = 1 / max(float(np.median(np.diff(series.time_s))), 1e-9)
     late = LateFrames.from_frames(frames, session.events)
     has_host = bool((frames["host_utc_ns"] > 0).all())
-    return ModelledSession(
-        model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz, late, has_host)
-    )
+    is_absolute = session.time.is_absolute
+    setting = Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz, late, has_host, is_absolute)
+    return ModelledSession(model, series, setting)
 
 
 # Live diagnosis: findings of a running session, announced when they first show.

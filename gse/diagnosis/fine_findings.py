@@ -186,7 +186,7 @@ class Setting:
     """What findings are worded with: the stated values, the first instant, the exposure, and frames per second.
 
     ``late`` is None where host stamps do not tell how late frames are read. Without host times, ``has_host``, as in a
-    raw capture, all time is the sensor's own.
+    raw capture, all time is the sensor's own; where its clock ``is_absolute`` it is in any session.
     """
 
     camera: Camera
@@ -197,6 +197,7 @@ class Setting:
     frame_hz: float
     late: LateFrames | None = None
     has_host: bool = True
+    is_absolute: bool = False
 
 
 def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) -> tuple[Finding, ...]:
@@ -236,13 +237,17 @@ def _clock_offset(one: Named, setting: Setting) -> Finding:
         if abs(abs(fast_s) - share * setting.exposure_s) < _SIGMAS * error_s < setting.exposure_s / 4:
             equals.append(f"a time stamp of {end} of the exposure ({setting.exposure_s:g} s)")
     equals += wrong_dates(fast_s)
-    whose = "the host's clock is" if setting.has_host else "the start that was given (--start-utc) is"
-    fast = ("fast" if fast_s > 0 else "slow") if setting.has_host else ("late" if fast_s > 0 else "early")
+    is_clock = setting.is_absolute or setting.has_host
+    whose = "the host's clock is" if is_clock else "the start that was given (--start-utc) is"
+    whose = "the sensor's clock is" if setting.is_absolute else whose
+    fast = ("fast" if fast_s > 0 else "slow") if is_clock else ("late" if fast_s > 0 else "early")
     size = f"{whose} {abs(fast_s):.{_digits(error_s)}f} s {fast} (+- {_digits_of(2 * error_s, 2)} s)"
     if _is_whole(abs(fast_s), 1.0, error_s):
         size += ": a leap second"
     scales = (cause for cause, ahead_s in CLOCK_SCALES.items() if _is_whole(fast_s, ahead_s, error_s))
     advice = _SYNC if setting.has_host else "judge the capture again with the right start: --start-utc"
+    if setting.is_absolute:
+        advice = "see what the sensor's time tags tell: sensor.time in the station file (scale, epoch, tag_of)"
     return Finding(next(scales, "clock offset"), size, _equals(one, *equals), advice)
 
 

@@ -121,13 +121,14 @@ def of_clock(stated: GrossHypothesis, fast_s: float) -> Iterator[GrossHypothesis
         if hours and abs(fast - 3600 * hours) < near_s and abs(fast) < _MOST_CLOCK_S:
             cause, size = _clock_words(hours)
             yield replace(stated, cause=cause, size=size, next_step=SET_CLOCK, clock_s=3600.0 * hours)
-    for days in (-366, -365, 365, 366):
+    for days in (*range(-366, -1), *range(2, 367)):
         turned_s = 86_400 * days - SIDEREAL_DAY_S * round((86_400 * days - fast_s) / SIDEREAL_DAY_S)
-        if abs(turned_s - fast_s) < _YEAR_WITHIN_S:
+        is_year = abs(days) >= 365
+        if abs(turned_s - fast_s) < (_YEAR_WITHIN_S if is_year else DATE_S):
             way = "ahead of" if days > 0 else "behind"
             yield replace(
                 stated,
-                cause="date off by a year",
+                cause="date off by a year" if is_year else "date off by days",
                 size=f"the host's date is {abs(days)} days {way} UTC",
                 next_step=SET_CLOCK,
                 clock_s=86_400.0 * days,
@@ -332,7 +333,7 @@ def _about_the_pole(fast_s: float, site: Site) -> Finding:
 
 def wrong_dates(fast_s: float) -> Iterator[str]:
     """Whole days, up to a year, by which a date turns the sky as so fast a clock does."""
-    for days in (*range(2, 184), 365, 366):
+    for days in range(2, 367):
         for off in (days, -days):
             turned_s = 86_400 * off - SIDEREAL_DAY_S * round((86_400 * off - fast_s) / SIDEREAL_DAY_S)
             if abs(turned_s - fast_s) < DATE_S:

@@ -506,7 +506,9 @@ def wrapped_tags(session: SessionData) -> Iterator[Finding]:
                 f"the sensor's time tag began anew {count_text(len(back_us), 'time')}, after {full_us / 1e6:.6g} s: it "
                 f"counts {bits} bits of {unit}",
                 ("a sensor that starts anew just then",),
-                "record with gse run, whose stamps tell how often; a capture has no times beyond the first one",
+                "nothing: the host's stamps tell how often"
+                if (session.frames.columns["host_utc_ns"] > 0).all()
+                else "record with gse run, whose stamps tell how often; a capture has no times beyond the first one",
             )
             return
 

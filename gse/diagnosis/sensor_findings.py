@@ -81,6 +81,8 @@ _MORE_THAN_DELAY = 1.2
 _ROLL_IS_WORSE = 10.0
 _MOST_DELAY_S = 300.0
 """No sensor answers later: what lies further off in RA is a bias."""
+_MOST_EARLY_S = 30.0
+"""No sensor answers for so late an instant: it would have to know the sky before it sees it."""
 _TURN_ARCSEC = 360 * 3600.0
 _MEDIAN_OF_STEPS = math.sqrt(2) * 0.6745
 """Median of the difference of two normal numbers, in their standard deviations."""
@@ -149,7 +151,7 @@ def _bias_or_delay(
     late_s = -ra / (EARTH_RATE_ARCSEC_PER_S * max(cos_de, 1e-9))
     along_ra = abs(de) <= max(_SIGMAS * off.de_error, 0.1 * abs(ra))
     along_ra |= abs(de) <= least_arcsec and _is_whole_frames(frames["utc_ns"][rows], late_s)
-    may_be_delay = cos_de >= 0.05 and abs(late_s) <= _MOST_DELAY_S
+    may_be_delay = cos_de >= 0.05 and -_MOST_EARLY_S <= late_s <= _MOST_DELAY_S
     if not along_ra or not may_be_delay:
         is_near_ra = abs(de) <= min(by_stars_arcsec, abs(ra)) and may_be_delay
         return Finding(

@@ -142,6 +142,10 @@ def own_counted(session: SessionData, own: SensorAnswers, counted: CountedFrames
     within_arcsec = session.station.limits.false_beyond_arcsec + allowed_arcsec
     confirmed, refuted = answered & (apart_arcsec <= within_arcsec), answered & (apart_arcsec > within_arcsec)
     crossed = _Crossed(own.cross_x_arcsec, own.cross_y_arcsec, answered)
+    # A camera that is stated wrongly turns all panoramas alike: it refutes no answers that truth confirms.
+    true = refuted & crossed.known & (crossed.from_arcsec((0.0, 0.0)) <= session.station.limits.false_beyond_arcsec)
+    if 2 * true.sum() > answered.sum():
+        refuted &= ~true
     judged, false = _judged(session, crossed, confirmed, refuted, counted.excluded, counted.exclusions)
     used = answered & ~false & ~counted.excluded & np.isfinite(own.d_de_arcsec)
     return replace(counted, answered=answered, judged=judged, false=false, used=used)

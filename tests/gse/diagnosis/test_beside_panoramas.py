@@ -9,6 +9,7 @@ import pytest
 from skies.known_nights import session
 
 from gse.diagnosis.sensor_findings import (
+    _MOST_EARLY_S,
     Explained,
     _angle,
     _are_whole,
@@ -98,8 +99,11 @@ def test_a_delay_is_told_in_seconds_of_the_turning_sky_with_its_side_and_what_a_
         (-4 * 7.520533, 12.01, {"least": 12.0}, "bias"),
         (-4.5 * 7.520533, 12.0, {"least": 12.0}, "bias"),
         # So near to the pole that RA tells nothing: the cosine is 0.0506 and 0.0488
-        (100.0, 0.0, {"de_deg": 87.1}, "delay"),
-        (100.0, 0.0, {"de_deg": 87.2}, "bias"),
+        (-100.0, 0.0, {"de_deg": 87.1}, "delay"),
+        (-100.0, 0.0, {"de_deg": 87.2}, "bias"),
+        # Half a minute ahead, which no sensor knows
+        (0.99 * _MOST_EARLY_S * 7.520533, 0.0, {}, "delay"),
+        (1.01 * _MOST_EARLY_S * 7.520533, 0.0, {}, "bias"),
     ],
 )
 def test_a_shift_along_ra_is_a_delay_first(ra, de, known, cause):
@@ -363,13 +367,13 @@ def test_one_panorama_in_a_hundred_may_be_answered_here_alone(still, only_statio
 
 
 def test_a_delay_turns_the_roll_and_a_bias_does_not():
-    """At 60 deg of declination 1000 arcsec east are a turn of 1.2 times 1732; a bias of DE explains none."""
+    """At 60 deg of declination 1000 arcsec west are a turn of 1.2 times 1732; a bias of DE explains none."""
     made = night()
     made.frames.columns["de_true_deg"] = 60.0
     explained = Explained(0.0, math.inf, 0.0, 0.0)
     for ra, de, roll, causes in (
-        (1000.0, 0.0, 2070.0, ["sensor delay"]),
-        (1000.0, 0.0, 2090.0, ["sensor delay", "sensor roll"]),
+        (-1000.0, 0.0, -2070.0, ["sensor delay"]),
+        (-1000.0, 0.0, -2090.0, ["sensor delay", "sensor roll"]),
         (1000.0, 900.0, 2000.0, ["sensor bias", "sensor roll"]),
     ):
         assert [

@@ -156,9 +156,9 @@ def test_a_time_is_told_in_seconds_or_hours_and_minutes(seconds, text):
 
 @pytest.mark.parametrize("fast_s", [471.819, -471.819, 700.0, 20_000.0, -43_000.0, 86_400 - SIDEREAL_DAY_S, 0.0])
 def test_dates_that_turn_the_sky_as_a_clock_does_are_those_within_four_seconds_of_it(fast_s):
-    """Two days turn it by 471.819 s; one day is a cause of its own, and the other half of a year is the first one."""
+    """Two days turn it by 471.819 s; one day is a cause of its own."""
     by_hand = set()
-    for days in (*range(2, 184), 365, 366):
+    for days in range(2, 367):
         for off, side in ((days, "ahead"), (-days, "behind")):
             apart_s = (86_400 * off - fast_s) % SIDEREAL_DAY_S
             if min(apart_s, SIDEREAL_DAY_S - apart_s) < 4.0:
@@ -168,11 +168,11 @@ def test_dates_that_turn_the_sky_as_a_clock_does_are_those_within_four_seconds_o
 
 @pytest.mark.parametrize(
     ("days", "late_s", "is_told"),
-    [(2, 3.99, True), (2, -3.99, True), (2, 4.01, False), (2, -4.01, False), (183, 0, True), (365, 0, True),
-     (366, 0, True), (1, 0, False), (184, 0, False), (364, 0, False), (367, 0, False)],
+    [(2, 3.99, True), (2, -3.99, True), (2, 4.01, False), (2, -4.01, False), (183, 0, True), (184, 0, True),
+     (366, 0, True), (1, 0, False), (367, 0, False)],
 )  # fmt: skip
 @pytest.mark.parametrize("side", ["ahead", "behind"])
-def test_a_date_is_off_by_up_to_half_a_year_or_by_a_whole_one(days, late_s, is_told, side):
+def test_a_date_is_off_by_up_to_a_year(days, late_s, is_told, side):
     turned_s = (86_400 - SIDEREAL_DAY_S) * days * (1 if side == "ahead" else -1)
     assert (f"a date that is {days} days {side}" in list(wrong_dates(turned_s + late_s))) == is_told
 

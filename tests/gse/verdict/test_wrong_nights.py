@@ -69,6 +69,8 @@ def test_it_is_the_sensors_where_everything_is_vouched_for(change):
         ({"wider_columns": 0.002}, "pixel pitch", "columns lie 0."),
         ({"clock_s": 365 * 86_400.0}, "date off by a year", "365 days ahead of UTC"),
         ({"clock_s": -366 * 86_400.0}, "date off by a year", "366 days behind UTC"),
+        ({"clock_s": -31 * 86_400.0}, "date off by days", "31 days behind UTC"),
+        ({"clock_s": 181 * 86_400.0}, "date off by days", "181 days ahead of UTC"),
     ],
 )
 def test_a_mistake_that_looks_like_a_turned_mount_is_named_by_what_it_is(true, cause, words):
