@@ -49,7 +49,9 @@ for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.
     if number is not None and signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)
 
-WITH_LITTLE_MACHINE_CODE = tuple(TESTS / folder for folder in ("drivers", "gse/statistics", "protocols"))
+WITH_LITTLE_MACHINE_CODE = tuple(
+    TESTS / folder for folder in ("drivers", "gse/config", "gse/statistics", "gse/truth", "gse/values", "protocols")
+)
 """Folders whose tests compile next to nothing: in a fresh clone they run while the tutorial compiles for all."""
 
 WITH_THE_SEARCH = ("test_counted_frames.py", "test_not_run.py")
