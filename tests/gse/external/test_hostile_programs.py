@@ -122,8 +122,8 @@ def test_a_program_that_vanished_is_a_failure_to_start(tmp_path):
 def test_a_line_that_was_not_ended_is_told_apart_from_silence(tmp_path):
     body = "os.write(1, b'{\"frame_no\": 0}')\ntime.sleep(60)\n"
     options = IdentifierOptions(algorithm="external", command=(str(program(tmp_path, body)),))
-    given = RunningIdentifier(plug_of(options, SENSOR), 0.01, start_s=5).answers(panoramas(1))[0]
-    assert given.answer.detail == "no answer within 5010 ms; 15 bytes came, and not the end of an answer"
+    given = RunningIdentifier(plug_of(options, SENSOR), 0.01, start_s=2).answers(panoramas(1))[0]
+    assert given.answer.detail == "no answer within 2010 ms; 15 bytes came, and not the end of an answer"
 
 
 @pytest.mark.parametrize(
