@@ -63,7 +63,7 @@ FUNCTIONAL = """\
   - send: {command: SET_EXPOSURE, exposure: 50 ms}
   - send: PING
   - check: {supply_v: [4.8, 5.2], temperature_degc: [-20, 40]}
-  - watch: {for: 65s, limits: {d_roll_arcsec: 500}, requirements: {mean |dDE|: SS-REQ-101}}
+  - watch: {for: 40s, limits: {d_roll_arcsec: 500}, requirements: {mean |dDE|: SS-REQ-101}}
   - repeat: {times: 3, steps: [power: off, wait: {for: 5s}, power: on,
              wait: {until: {state: acquired}, at_most: 30s, measure: first_fix_s}]}
   - check: {first_fix_s: {share: 0.3, at_most: 10}}
