@@ -12,7 +12,7 @@ class Closing:
 
 try:
     Closing()
-    time.sleep(10)
+    time.sleep(1)
 except KeyboardInterrupt:
     print("interrupted")
 """
@@ -20,7 +20,7 @@ LLVM = """
 half_made = "signal.raise_signal(signal.SIGINT); print('made whole')"
 try:
     exec(half_made, {"__name__": "llvmlite.binding", "signal": signal})
-    time.sleep(10)
+    time.sleep(1)
 except KeyboardInterrupt:
     print("interrupted")
 """

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies.own_answers import with_answers
 from skies.wrong_night import Plan, World, session
 
-from gse.station.results import Verdict
+from gse.station.results import Subject, Verdict
 from gse.values.site import Site
 from gse.verdict.assessment import judge
 
@@ -270,3 +271,16 @@ def test_time_tags_that_run_wrong_excuse_no_sensor_that_looks_elsewhere():
     stated = replace(WORLD, whole_pixels=False, noise_px=0.1, vouched=True)
     true = replace(stated, clock_ppm=400_000.0, altitude_deg=WORLD.altitude_deg + 0.05)
     assert judge(session(stated, true, BY_TAGS)).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize("off_px", [(1.0, -1.0), (20.0, 0.0)], ids=["by less than false_arcsec", "by more"])
+def test_answers_that_truth_confirms_are_not_false_where_the_camera_is_stated_wrongly(off_px):
+    """Its panoramas, seen by that camera, lie elsewhere: the reference would say so of each answer."""
+    true = session(WORLD, WORLD, SHORT)
+    made = session(WORLD, replace(WORLD, principal_point_px=off_px), SHORT)
+    angles = np.column_stack([true.frames.columns[f"{name}_true_deg"] for name in ("ra", "de", "roll")])
+    judged = judge(with_answers(made, angles, np.full(len(angles), 12)))
+    own = judged.statistics.subjects[Subject.SENSOR]
+    assert (own.false_answers.value, own.available.value) == (0.0, 1.0)
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.findings[0].cause in ("principal point", "pixel origin")
