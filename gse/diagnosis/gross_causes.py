@@ -123,16 +123,13 @@ def of_clock(stated: GrossHypothesis, fast_s: float) -> Iterator[GrossHypothesis
             yield replace(stated, cause=cause, size=size, next_step=SET_CLOCK, clock_s=3600.0 * hours)
     for days in (*range(-366, -1), *range(2, 367)):
         turned_s = 86_400 * days - SIDEREAL_DAY_S * round((86_400 * days - fast_s) / SIDEREAL_DAY_S)
-        is_year = abs(days) >= 365
-        if abs(turned_s - fast_s) < (_YEAR_WITHIN_S if is_year else DATE_S):
-            way = "ahead of" if days > 0 else "behind"
-            yield replace(
-                stated,
-                cause="date off by a year" if is_year else "date off by days",
-                size=f"the host's date is {abs(days)} days {way} UTC",
-                next_step=SET_CLOCK,
-                clock_s=86_400.0 * days,
-            )
+        way = "ahead of" if days > 0 else "behind"
+        size = f"the host's date is {abs(days)} days {way} UTC"
+        dated = replace(stated, size=size, next_step=SET_CLOCK, clock_s=86_400.0 * days)
+        if abs(days) >= 365 and abs(turned_s - fast_s) < _YEAR_WITHIN_S:
+            yield replace(dated, cause="date off by a year")
+        elif abs(turned_s - fast_s) < DATE_S:
+            yield replace(dated, cause="date off by days")
 
 
 def _nearest_zone(hours: float) -> float:

@@ -374,7 +374,7 @@ def place_mistake(
     named = named or next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
     named = named or next((finding for finding in found if finding.cause in _CHANGES), None)
     gross = gross_cause_of(session, counted) if named and named.is_gross else None
-    is_exact = named is not None and named.cause in ("detector size", "pixel origin", "principal point", *CLOCK_SCALES)
+    is_exact = named is not None and named.cause in ("detector size", *CLOCK_SCALES)
     is_exact = is_exact or (gross is not None and gross.is_exact)
     if not shared.is_free and not is_exact:
         return ()
