@@ -26,7 +26,7 @@ SETTING = Setting(
 )
 
 
-def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), late=None, has_host=True):
+def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), **setting):
     columns = Predictions(*(np.zeros((1, 1, 1)) for _ in range(3)))
     equals = tuple(FineHypothesis(rival, rival, columns) for rival in rivals)
     one = Named(
@@ -35,7 +35,7 @@ def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), lat
         np.full(len(coefficients), error),
         equals,
     )
-    finding = _WORDS[cause](one, replace(SETTING, late=late, has_host=has_host))
+    finding = _WORDS[cause](one, replace(SETTING, **setting))
     return f"{finding.cause}: {finding.size}; {', '.join(finding.equals)}"
 
 
@@ -280,3 +280,9 @@ def test_a_capture_without_host_times_says_nothing_of_the_hosts_clock(cause, coe
 )
 def test_pixels_that_are_not_square_or_counted_otherwise_are_told_with_their_size(cause, kind, coefficient, words):
     assert words in said(cause, coefficient, kind=kind, error=0.0005)
+
+
+@pytest.mark.parametrize("has_host", [True, False])
+def test_where_its_time_tags_are_absolute_a_clock_that_is_off_is_the_sensors(has_host):
+    told = said("clock offset", 2.0, error=0.1, has_host=has_host, is_absolute=True)
+    assert told.startswith("clock offset: the sensor's clock is 2.00 s fast")
