@@ -191,7 +191,8 @@ def _waited(frames: Columns) -> Iterator[Exclusion]:
     They came before the port was opened, or something held them back for longer than the station remembers the offset
     of the sensor's clock. While they come out of it nothing shows how late they are; with the last of them that offset,
     the least that was seen of late, falls. A sensor clock that leaps or runs fast makes the same fall. Only frames out
-    of a buffer are read faster than they are taken, one right after the other: the host's own stamps show it.
+    of a buffer are read faster than they are taken, one right after the other: the host's own stamps show it. A busy
+    host empties the buffer in several bursts: what was read before a late one was later still.
     """
     if len(frames) == 0:
         return
@@ -203,9 +204,15 @@ def _waited(frames: Columns) -> Iterator[Exclusion]:
     after, steps_ns = begins[1:], time_ns[begins[1:]] - time_ns[begins[1:] - 1]
     goes_on = (steps_ns > 0) & (steps_ns <= _GOES_ON_NS)
     least_ns[:-1] = np.where(goes_on, np.minimum(least_ns[:-1], offset_ns[after]), least_ns[:-1])
+    waited = sizes > 1
+    late_bursts = np.flatnonzero(waited & (offset_ns[begins] - least_ns > _LATE_NS))
+    for number in late_bursts[::-1]:
+        if number > 0 and goes_on[number - 1]:
+            least_ns[number - 1] = min(least_ns[number - 1], least_ns[number])
+            waited[number - 1] = True
     burst = np.repeat(np.arange(len(begins)), sizes)
     fall_ns = offset_ns - least_ns[burst]
-    late = np.flatnonzero((fall_ns > _LATE_NS) & (sizes > 1)[burst])
+    late = np.flatnonzero((fall_ns > _LATE_NS) & waited[burst])
     for rows in np.split(late, np.flatnonzero(np.diff(burst[late])) + 1):
         if len(rows):
             late_s = float(fall_ns[rows].max()) / NS_PER_S

@@ -135,8 +135,9 @@ def test_the_next_frame_tells_how_late_a_buffer_was_where_the_sensors_clock_goes
         ([1.000000001], 1.0, []),
         ([0.45], 0.9, []),  # half of the time between these two exposures
         ([0.46], 0.9, [(0.46, 0.46)]),
-        ([3.0, 3.0, 3.0, 3.7, 4.1], 1.0, [(3.0, 2.3), (4.1, 0.7)]),  # two buffers, by the frame behind each
-        ([1.5, 2.3, 2.4], 1.0, [(2.4, 1.3)]),
+        ([3.0, 3.0, 3.0, 3.7, 4.1], 1.0, [(3.0, 3.0), (4.1, 0.7)]),  # read in two bursts, until the frame behind both
+        ([4.2, 4.2, 5.0, 5.0, 6.2, 6.2, 6.3], 1.0, [(4.2, 4.2), (5.0, 3.0), (6.3, 2.2)]),  # in three
+        ([1.5, 2.3, 2.4], 1.0, [(1.5, 1.5), (2.4, 1.3)]),  # one that was read by itself before it
     ],
 )
 def test_frames_waited_that_followed_each_other_within_half_of_the_usual_time(read_s, second_taken_s, told):
