@@ -137,8 +137,8 @@ MOST_ITEMS = 500_000
 MOST_BACKLOG_BYTES = 128 << 20
 """Received and not yet fetched, more than an hour at 115200 baud: further bytes are only recorded."""
 SOCKET_BYTES = 65536
-NOT_RUN_NS = 3_000_000_000
-"""A read that takes longer was stopped: its own timeout is READ_TIMEOUT_S. A port holds a second or some of bytes."""
+NOT_RUN_NS = 1_000_000_000
+"""From one read to the next: their own timeout is READ_TIMEOUT_S. Ports hold 4 KiB at least, 0.4 s at 115200 baud."""
 _LINE_LOOK_NS = 10_000_000_000
 """How often the driver's counters of errors are read."""
 _AT_ONCE_NS = 1_000_000_000
@@ -342,7 +342,7 @@ class _Receiver:
         self._line_errors: dict[str, int] | None = None
         self._line_look_ns = 0
         self._opened_before = port is not None
-        self._opened_ns = time.monotonic_ns()
+        self._opened_ns = self._read_ns = time.monotonic_ns()
         self._stop = threading.Event()
         self._report(
             *((LinkKind.OPENED, f"{url} is open") if port else (LinkKind.NO_PORT, f"waiting for the port: {absent}"))
@@ -415,7 +415,6 @@ class _Receiver:
             if self._port is None:
                 self._reopen()
                 continue
-            began_ns = time.monotonic_ns()
             try:
                 data = _read(self._port)
             except Exception as error:
@@ -424,7 +423,9 @@ class _Receiver:
                 if not self._stop.is_set():
                     self._lose(error)
             else:
-                self._report_pause(time.monotonic_ns() - began_ns)
+                read_ns = time.monotonic_ns()
+                self._report_pause(read_ns - self._read_ns)
+                self._read_ns = read_ns
                 if data:
                     self._take(data)
                 self._report_line_errors()
@@ -456,11 +457,11 @@ class _Receiver:
                 f"the station is {self.backlog_bytes} bytes behind; they are recorded and processed later",
             )
 
-    def _report_pause(self, read_ns: int) -> None:
-        if read_ns > NOT_RUN_NS:
+    def _report_pause(self, pause_ns: int) -> None:
+        if pause_ns > NOT_RUN_NS:
             self._report(
                 LinkKind.NOT_RUN,
-                f"this computer did not run the station for {read_ns * 1e-9:.1f} s: it was stopped, or too busy; what "
+                f"this computer did not run the station for {pause_ns * 1e-9:.1f} s: it was stopped, or too busy; what "
                 "the port cannot hold so long is lost here, not by the sensor",
             )
 
@@ -518,7 +519,7 @@ class _Receiver:
         also = "; its adapter has no serial number: make sure that it is the same sensor" if unknown else ""
         self._report(LinkKind.REOPENED if self._opened_before else LinkKind.OPENED, f"{name} is open{also}")
         self._opened_before = True
-        self._opened_ns = time.monotonic_ns()
+        self._opened_ns = self._read_ns = time.monotonic_ns()
 
     def _report_other(self, here: PortInfo, expected: PortInfo) -> None:
         self._report(

@@ -386,6 +386,27 @@ def test_a_link_that_was_stopped_says_so_before_the_bytes_that_waited(terminal: 
     assert came == ["NOT_RUN\n", "bytes\n"]
 
 
+class StuckRecorder:
+    """Takes as long for a chunk as a disk that stands still."""
+
+    def rx(self, chunk: Chunk) -> None:
+        time.sleep(1.1e-9 * NOT_RUN_NS)
+
+    def tx(self, chunk: Chunk) -> None:
+        raise AssertionError("nothing is sent here")
+
+    def event(self, event: LinkEvent) -> None:
+        """Take it at once."""
+
+
+def test_a_link_that_was_held_up_between_two_reads_says_so(terminal: Terminal) -> None:
+    with SerialLink(str(terminal.path), recorder=StuckRecorder()) as link:
+        terminal.write(b"waits")
+        items = fetch(link, lambda got: "NOT_RUN" in kinds_of(got))
+        assert kinds_of(items) == ["OPENED", "NOT_RUN"]
+        assert data_of(items) == b"waits"
+
+
 def test_the_settings_of_a_line_are_those_that_the_far_end_reads_back(terminal: Terminal) -> None:
     """A pty carries no parity, and keeps no more than stop bits and flow control of what is set."""
     line = LineSettings(parity="even", stop_bits=2, rtscts=True, xonxoff=True)

@@ -161,8 +161,8 @@ def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request
             assert place["height"] >= size[1] / 10, (size, theme)
             assert place["right"] <= size[0], (size, theme)
             assert room == [size[0], ""], (size, theme)
-            cut = "[...document.querySelectorAll('.figures')].filter((line) => line.scrollWidth > line.clientWidth).length"
-            assert seen.page.evaluate(cut) == 0, (size, theme)
+            lines = "[...document.querySelectorAll('.figures')]"
+            assert seen.page.evaluate(f"{lines}.filter((line) => line.scrollWidth > line.clientWidth).length") == 0
         before_data = "document.body.className = 'empty'; [...document.querySelectorAll('main > *, footer')]"
         laid_out = seen.page.evaluate(f"{before_data}.filter((node) => node.offsetHeight).map((node) => node.id)")
         assert laid_out == ["head"], "the first paint waits for one word"
