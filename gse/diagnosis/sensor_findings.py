@@ -326,7 +326,7 @@ def sensor_findings(
     A camera or air that is ``named`` puts the answers here off, not the sensor's.
     """
     stated = session.station.sensor.attitude
-    puts_off = bool({finding.cause for finding in named} & {*STARS_FALL_OUT, "refraction"})
+    puts_off = bool({finding.cause for finding in named} & {*STARS_FALL_OUT, "camera", "refraction"})
     of_convention = tuple(convention_finding(search, stated))
     if puts_off and not is_wrong(search, stated):
         of_convention = ()  # 20 arcsec of aberration are not to be told beside it

@@ -60,6 +60,8 @@ _NO_STATION = "station file"
 _NOTHING = "nothing identified"
 OF_PLACE = ("mount", "clock offset", "site", "refraction", *CLOCK_SCALES)
 """Fine causes that turn the measured mount."""
+_TURNS_PANORAMAS = ("pixel origin", "principal point")
+"""Fine causes of the camera that turn the measured mount, too."""
 _CHANGES = ("mount moves", SLIP, "thermal sinusoid", "clock drift", "clock step")
 """Fine causes whose mean over the session is a turn, too."""
 
@@ -104,13 +106,13 @@ def hidden_mistake(session: SessionData, found: tuple[Finding, ...]) -> Finding 
     return next((one for one in found if one.cause == "obstruction" and 2 * hides.sum() > len(hides)), None)
 
 
-def mistake_of(finding: Finding) -> Mistake:
-    """What a mistake is of, which says what it excuses."""
+def mistake_of(finding: Finding, *, is_turn: bool = False) -> Mistake:
+    """What a mistake is of, which says what it excuses; a principal point that only turns all panoramas is of place."""
     if finding.cause == _NO_STATION:
         return Mistake(Mistaken.STATION_FILE, finding.cause)
     if finding.cause == "obstruction":
         return Mistake(Mistaken.FIELD, finding.cause)
-    is_camera = finding.cause in (*_OF_CAMERA, *STARS_FALL_OUT, _NOTHING)
+    is_camera = finding.cause in (*_OF_CAMERA, _NOTHING) or (finding.cause in STARS_FALL_OUT and not is_turn)
     return Mistake(Mistaken.CAMERA if is_camera else Mistaken.PLACE, finding.cause)
 
 
@@ -369,7 +371,7 @@ def place_mistake(
     None of them where all that could explain it is vouched for. An exact hit among the gross mistakes does though
     somebody vouches: both cannot be.
     """
-    turning = *OF_PLACE, "pixel origin", "principal point"
+    turning = *OF_PLACE, *_TURNS_PANORAMAS
     named = next((finding for finding in found if finding.cause == "detector size"), None)
     named = named or next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
     named = named or next((finding for finding in found if finding.cause in _CHANGES), None)
@@ -417,3 +419,24 @@ def alignment_finding(shared: SharedTurn) -> Finding:
         "measure how the sensor stands on its mount; where an uncertainty was stated too small, correct it and judge "
         "the same recording again: gse report SESSION --station FILE",
     )
+
+
+def camera_beside_answers(session: SessionData, found: tuple[Finding, ...], shared: SharedTurn) -> Finding:
+    """The camera of the station file, where truth confirms the sensor's own answers and all else is vouched for.
+
+    The sensor has both from the same light: what turns only the panoramas is how the station file takes them.
+    """
+    off = angle_text(shared.turn_arcsec / 3600)
+    (turn,) = small_rotations(horizon_to_sensor(shared.fit.mount)[None], horizon_to_sensor(session.station.mount))
+    across_rad = math.hypot(turn[0], turn[1])
+    px = across_rad / session.station.sensor.camera().pixel_rad
+    shifted = (f"a principal point that is off by {px:.1f} px",) if across_rad > abs(turn[2]) else ()
+    turned = Finding(
+        "camera",
+        f"seen by the camera of the station file, all panoramas are turned by {off} from the stated mount",
+        (*shifted, "a camera that is turned in the frame of the own answers"),
+        "compare sensor.principal_point_px with the sensor's papers; gse calibrate SESSION --write FILE",
+    )
+    named = next((one for one in found if one.cause in _TURNS_PANORAMAS), turned)
+    own = f"the sensor's own answers show no turn of {off}, so that its alignment is not the cause"
+    return replace(named, size=f"{named.size}; {own} ({shared.who})")

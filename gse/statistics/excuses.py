@@ -592,7 +592,7 @@ PLACE = Excuse(
     "set-up",
     _of_place,
     (Claim.ACCURACY, Claim.FALSEHOOD),
-    "site, mount, clock or air are not vouched for, and the row keeps its limit without the turn that they explain",
+    "site, mount, clock, air or camera are not vouched for, and the row keeps its limit without the turn they explain",
 )
 HIDDEN = Excuse(
     "obstruction", _mistake_of(Mistaken.FIELD), (Claim.ABSENCE,), "something hides most of the field's stars"

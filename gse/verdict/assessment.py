@@ -26,6 +26,7 @@ from gse.diagnosis.set_up_mistake import (
     OF_PLACE,
     alignment_finding,
     at_the_right_rate,
+    camera_beside_answers,
     camera_mistake,
     hidden_mistake,
     lost_station,
@@ -224,7 +225,7 @@ def _judge(session: SessionData) -> Assessment:
             mistakes = [place, hidden]
     made = tuple(mistake for mistake in mistakes if mistake)
     available = {subject: of.available for subject, of in stats.subjects.items()}
-    evidence = Evidence(session, available, tuple(map(mistake_of, made)), kept)
+    evidence = Evidence(session, available, tuple(mistake_of(one, is_turn=bool(kept)) for one in made), kept)
     rows = tuple(excused(row, requirement_of(row).claim, evidence) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
     in_the_way = (*(f"set-up: {mistake}" for mistake in made), *in_the_way)
@@ -320,8 +321,20 @@ def _turned(
         return None, kept, found
     if explained := place_mistake(session, stats.counted, found, shared):
         return explained[0], kept, explained
+    if _own_answers_pass(session, rows):
+        of_camera = camera_beside_answers(session, found, shared)
+        beside = (one for one in found if one.cause not in (*OF_PLACE, of_camera.cause))
+        return of_camera, kept, (of_camera, *beside)
     beside = (one for one in found if not one.is_gross and one.cause not in OF_PLACE)
     return None, kept, (alignment_finding(shared), *beside)
+
+
+def _own_answers_pass(session: SessionData, rows: tuple[Row, ...]) -> bool:
+    """Whether truth confirms the sensor's own answers: the rows of their accuracy pass, and false ones are few."""
+    own = [row for row in rows if row.subject is Subject.SENSOR]
+    accurate = {row.outcome for row in own if requirement_of(row).claim is Claim.ACCURACY} - {Outcome.NOT_TESTED}
+    false = {row.outcome for row in own if requirement_of(row).claim is Claim.FALSEHOOD}
+    return accurate == {Outcome.PASS} and Outcome.FAIL not in false and not _is_relative(session.station)
 
 
 def _moved(

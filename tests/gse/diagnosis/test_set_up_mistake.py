@@ -15,7 +15,7 @@ from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.decision import Outcome, Row, share_of
-from gse.statistics.excuses import Evidence, excused
+from gse.statistics.excuses import Evidence, Mistaken, excused
 from gse.verdict.requirements import requirement_of
 
 
@@ -165,6 +165,12 @@ def test_a_camera_of_which_stars_fall_out_is_the_mistake_and_the_first_of_them(i
 def test_a_mistake_of_place_excuses_no_row_that_fails_without_it_too():
     judged = row("mean |dDE|", "arcsec")
     assert excused_by("azimuth from south", judged, is_kept=False) is judged
+
+
+@pytest.mark.parametrize(("is_turn", "of"), [(False, Mistaken.CAMERA), (True, Mistaken.PLACE)])
+def test_a_principal_point_that_only_turns_the_sky_excuses_what_a_turn_does(is_turn, of):
+    assert mistake_of(Finding("principal point", ""), is_turn=is_turn).of is of
+    assert mistake_of(Finding("detector size", ""), is_turn=is_turn).of is Mistaken.CAMERA
 
 
 def test_a_session_that_lost_its_station_file_says_so():

@@ -284,3 +284,34 @@ def test_answers_that_truth_confirms_are_not_false_where_the_camera_is_stated_wr
     assert (own.false_answers.value, own.available.value) == (0.0, 1.0)
     assert judged.verdict is Verdict.INCONCLUSIVE
     assert judged.findings[0].cause in ("principal point", "pixel origin")
+
+
+def beside_own_answers(stated, true, plan=SHORT, de_off_arcsec=0.0):
+    """Panoramas of a true world, with own answers that are as the stated mount and site have them."""
+    right, made = session(stated, stated, plan), session(stated, true, plan)
+    angles = np.column_stack([right.frames.columns[f"{name}_true_deg"] for name in ("ra", "de", "roll")])
+    return judge(with_answers(made, angles + np.array([0.0, de_off_arcsec / 3600, 0.0]), np.full(len(angles), 12)))
+
+
+VOUCHED = replace(WORLD, vouched=True)
+OF_CAMERA = {
+    "one that the field shows": ({"principal_point_px": (20.0, 0.0)}, "principal point", "_point_px: [531.5"),
+    "one that is turned": ({"altitude_deg": 60.1}, "camera", "all panoramas are turned by 358 arcsec"),
+    "one that is rolled": ({"roll_deg": 30.6}, "camera", "all panoramas are turned by 0.61 deg"),
+}
+
+
+@pytest.mark.parametrize(("true", "cause", "words"), OF_CAMERA.values(), ids=OF_CAMERA)
+def test_a_camera_is_not_as_stated_where_truth_confirms_the_sensors_own_answers(true, cause, words):
+    judged = beside_own_answers(VOUCHED, replace(VOUCHED, **true))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.reasons[0].startswith(f"set-up: {cause}: ")
+    assert words in judged.findings[0].size
+    assert "the sensor's own answers show no turn of" in judged.findings[0].size
+    assert not {"alignment of the sensor", "sensor bias", "sensor roll"} & {one.cause for one in judged.findings}
+
+
+def test_own_answers_that_are_off_too_confirm_no_camera():
+    judged = beside_own_answers(VOUCHED, replace(VOUCHED, principal_point_px=(20.0, 0.0)), de_off_arcsec=100.0)
+    assert judged.verdict is Verdict.FAIL
+    assert judged.findings[0].cause == "alignment of the sensor"
