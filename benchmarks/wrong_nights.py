@@ -26,7 +26,7 @@ from pathlib import Path
 import astropy.units as u
 import numpy as np
 from astropy.constants import c
-from astropy.coordinates import FK5, AltAz, EarthLocation, SkyCoord, get_body_barycentric_posvel
+from astropy.coordinates import FK5, AltAz, EarthLocation, SkyCoord, get_body, get_body_barycentric_posvel
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 from scipy.spatial.transform import Rotation
@@ -338,6 +338,38 @@ def hot(count: int) -> Meddle:
     return meddle
 
 
+def moonlit(night: Night, false: int, hides_px: float) -> Meddle:
+    """Where the Moon stands on the detector, false bright objects stand about it, and stars near it are not seen."""
+    true = {**TRUE, **night.place}
+
+    def meddle(frames: Frames, rng: np.random.Generator) -> None:
+        for one, (x, y) in zip(frames, moon_px(true, night, [one.time_s for one in frames]), strict=True):
+            if not (0 < x < SIZE_PX and 0 < y < SIZE_PX):
+                continue
+            kept = np.hypot(*(one.xy_px - (x, y)).T) > hides_px
+            glare = rng.normal((x, y), hides_px / 2, (false, 2))
+            inside = ((glare > 0) & (glare < SIZE_PX - 1)).all(axis=1)
+            places = np.concatenate([glare[inside], one.xy_px[kept]])
+            light = np.concatenate([rng.integers(1500, 4096, inside.sum()), one.index[kept]])
+            order = np.argsort(-light, kind="stable")[:30]
+            one.xy_px, one.index = places[order], light[order]
+            one.acquired = false < 10
+
+    return meddle
+
+
+def moon_px(true: dict[str, object], night: Night, seconds: list[float]) -> np.ndarray:
+    """Where the Moon stands on the plane of the detector (M, 2), by astropy; nan behind it."""
+    where = EarthLocation.from_geodetic(*(true[key] * u.deg for key in SITE[1::-1]), true["height_m"] * u.m)
+    instants = Time(night.start, scale="utc") + TimeDelta(seconds, format="sec")
+    seen = get_body("moon", instants, where).transform_to(AltAz(obstime=instants, location=where))
+    axes = axes_of(*(true[key] for key in MOUNT))
+    azimuth, altitude = seen.az.rad, seen.alt.rad
+    level = np.cos(altitude)
+    sensor = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(altitude)], axis=-1) @ axes.T
+    return FOCAL_PX * sensor[:, :2] / np.where(sensor[:, 2:] > 0.5, sensor[:, 2:], np.nan) + 511.5
+
+
 def wide(x_share: float) -> Meddle:
     return each(lambda one: one.xy_px.__setitem__((slice(None), 0), 511.5 + (1 + x_share) * (one.xy_px[:, 0] - 511.5)))
 
@@ -495,6 +527,23 @@ MARCH, DAWN, RA_ZERO = "2026-03-20T15:00:00", "2026-03-20T21:50:00", "2026-08-20
 NORTH = {"latitude_deg": 78.0, "longitude_deg": 15.0}
 ZENITH, POLE = {**NORTH, "altitude_deg": 90.0}, {**NORTH, "azimuth_deg": 0.0, "altitude_deg": 77.95}
 WINTER = "2026-01-20T20:00:00"
+
+
+def under_the_moon(night: Night, false: int, hides_px: float) -> Night:
+    """A night towards the Moon."""
+    place = {"azimuth_deg": 330.0, "altitude_deg": 53.0, **night.place}
+    night = replace(night, start="2026-03-26T13:00:00", place=place)
+    glare = moonlit(night, false, hides_px)
+
+    def meddle(frames: Frames, rng: np.random.Generator) -> None:
+        glare(frames, rng)
+        if night.meddle is not None:
+            night.meddle(frames, rng)
+            for one in frames:
+                one.acquired = True
+
+    return replace(night, meddle=meddle)
+
 
 NIGHTS = (
     # 1. The sensor's own answers are wrong while something else excuses the absence of answers.
@@ -675,6 +724,16 @@ NIGHTS = (
           meddle=own_as(lambda a, d, r: (a / 15, d, r))),
     Night("DE 89.9, a slip of 100 arcsec", SET_UP, "slip|step", frames=600, start=WINTER, place=POLE,
           turn_arcsec=moved(150, 9999, 100.0, 40.0, 0.0)),
+    # The Moon.
+    under_the_moon(Night("the Moon stands in the field", (OPEN, FAIL), "the Moon", own=True), 24, 200),
+    under_the_moon(Night("the Moon enters the field half way", (OPEN, FAIL), "the Moon", own=True, frames=600,
+                         step_s=2.0, place={"azimuth_deg": 318.0, "altitude_deg": 49.5}), 24, 200),
+    under_the_moon(Night("the Moon in the field hides all stars", SET_UP, "the Moon", own=True), 30, 2000),
+    under_the_moon(Night("the Moon hides all stars, own answers 25' off", (FAIL,), ANY, own=True,
+                         meddle=own_off(lambda one: one.number % 3 == 1, 25)), 30, 2000),
+    under_the_moon(Night("the Moon stands in the field of a good sensor", (PASS,), "none", own=True), 1, 40),
+    under_the_moon(Night("the Moon in the field, an identifier that is silent in bursts", (FAIL,), "none", own=True,
+                         command="python3 {folder}/program.py 0.25 0", frames=320), 1, 40),
     # 7. What must have a line.
     Night("a jolt of 300 arcsec for 10 s", SET_UP, "slip|jolt|moved", frames=600,
           turn_arcsec=moved(100, 110, 250.0, 160.0, 0.0)),

@@ -29,6 +29,7 @@ from gse.diagnosis.plain_findings import (
     focus_finding,
     focus_loss,
     hot_pixels,
+    moon_near,
     nothing_identified,
     often_stand_still,
     ran_away_s,
@@ -259,6 +260,7 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
     is_other_size = "detector size" in named or any(one.kind == StationKind.WRONG_DETECTOR for one in session.events)
     hidden = () if is_other_size or named & set(STARS_FALL_OUT) else tuple(hidden_field(session))
+    yield from moon_near(session, stats.own)
     yield from hidden
     yield from event_findings(session, named)
     yield from () if hidden else nothing_identified(session)

@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent, LinkKind
 from gse.diagnosis.late_frames import CRYSTAL_PPM
 from gse.diagnosis.misplaced_stars import ENTER_CAMERA, FALLEN_OUT_SHARE
-from gse.station.columns import STATUSES
+from gse.station.columns import SKY_CONDITIONS, STATUSES
 from gse.station.events import ClockStep, Finding, StationKind
 from gse.station.exclusions import after_restart, leapt_clock
 from gse.station.frame_columns import Columns
 from gse.station.host_clock import clock_steps, first_rows
-from gse.station.results import Status
+from gse.station.own_answers import SensorAnswers
+from gse.station.results import SkyCondition, Status, Subject
 from gse.station.session_data import SessionData
 from gse.station.session_tables import residuals_of
-from gse.station.sky_condition import FEWEST_UNMATCHED
+from gse.station.sky_condition import FEWEST_UNMATCHED, MOON_GLARE_DEG, SUN_LIMIT_DEG
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.excuses import air_in_field, only_reference_answers
 from gse.statistics.session_statistics import Statistics
@@ -359,6 +360,86 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
             ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )
+
+
+# The Moon in the field, or near its edge: its glare hides stars and makes objects that are none.
+
+_FEWEST_ABSENT, _FEWEST_AWAY = 5, 20
+_TIMES_AWAY = 3.0
+"""Answers are missing so much more often near the Moon than away from it."""
+_FEWEST_HIDDEN, _HIDDEN_SHARE = 3, 0.5
+"""Fewer stars too few, or false objects, are those of any night; more than where answers come, or half of all stars."""
+
+
+def moon_near(session: SessionData, own: SensorAnswers | None) -> Iterator[Finding]:
+    """That answers are missing where the Moon was in the field; or near it, if they are not missing elsewhere."""
+    frames, radius_deg = session.frames.columns, math.degrees(session.station.sensor.camera().diagonal_rad) / 2
+    known = (frames["sun_altitude_deg"] <= SUN_LIMIT_DEG) & np.isfinite(frames["stars_expected"])
+    known &= frames["sky_condition"] != SKY_CONDITIONS.index(SkyCondition.CLOUDED)
+    absent = {session.subject: frames["status"] != STATUSES.index(Status.IDENTIFIED)}
+    if own is not None:
+        absent[Subject.SENSOR] = own.sent & ~own.acquired
+    up = known & (frames["moon_altitude_deg"] > 0)
+    for reach_deg in (radius_deg, radius_deg + MOON_GLARE_DEG):
+        near = up & (frames["moon_separation_deg"] < reach_deg)
+        needs_others = reach_deg > radius_deg
+        if counts := [
+            f"{int((near & missing).sum())} of {int((known & missing).sum())} frames without an answer of {subject}"
+            for subject, missing in absent.items()
+            if _by_moon(session, near, known & ~near, missing, needs_others=needs_others)
+        ]:
+            yield _moon_finding(frames, near & np.any(list(absent.values()), axis=0), radius_deg, " and ".join(counts))
+            return
+
+
+def _by_moon(
+    session: SessionData,
+    near: NDArray[np.bool_],
+    away: NDArray[np.bool_],
+    missing: NDArray[np.bool_],
+    *,
+    needs_others: bool,
+) -> bool:
+    """Whether answers are missing near the Moon, more often than away from it, and the objects show its glare."""
+    frames, rows = session.frames.columns, near & missing
+    if rows.sum() < _FEWEST_ABSENT or missing[near].mean() <= 1 - session.station.limits.availability:
+        return False
+    has_others = away.sum() >= _FEWEST_AWAY
+    if needs_others and not has_others:
+        return False
+    if has_others and missing[near].mean() < _TIMES_AWAY * missing[away].mean():
+        return False
+    if (frames["objects"][rows] > 0).mean() <= 0.5:  # a cap, a cover
+        return False
+    hidden, false = _glare(frames, rows)
+    answered = (near | away) & ~missing
+    if answered.sum() >= _FEWEST_AWAY:
+        usually_hidden, usually_false = _glare(frames, answered)
+        return max(hidden - usually_hidden, false - usually_false) >= _FEWEST_HIDDEN
+    return false >= _FEWEST_HIDDEN or hidden >= _HIDDEN_SHARE * float(np.median(frames["stars_expected"][rows]))
+
+
+def _glare(frames: Columns, rows: NDArray[np.bool_]) -> tuple[float, float]:
+    """How many expected stars are not seen in some frames, and how many objects are none of them: medians."""
+    seen = frames["stars_seen"][rows].astype(np.float64)
+    return float(np.median(frames["stars_expected"][rows] - seen)), float(np.median(frames["objects"][rows] - seen))
+
+
+def _moon_finding(frames: Columns, rows: NDArray[np.bool_], radius_deg: float, counts: str) -> Finding:
+    off_deg, altitude_deg = frames["moon_separation_deg"][rows], frames["moon_altitude_deg"][rows]
+    objects, seen, expected = (
+        float(np.median(frames[name][rows])) for name in ("objects", "stars_seen", "stars_expected")
+    )
+    is_inside = np.median(off_deg) < radius_deg
+    return Finding(
+        "the Moon",
+        f"it was {'in' if is_inside else 'near'} the field in {counts}: {off_deg.min():.1f} to {off_deg.max():.1f} deg "
+        f"from the boresight (the corners of the field are {radius_deg:.1f} deg from it), {altitude_deg.min():.0f} to "
+        f"{altitude_deg.max():.0f} deg up; {seen:.0f} of {expected:.0f} expected stars are seen there, and "
+        f"{max(objects - seen, 0):.0f} of {objects:.0f} objects are none",
+        ("a fault that came at the same time",),
+        "point the sensor away from the Moon, or repeat the session when it is down: gse preflight says when",
+    )
 
 
 def _only_failures(failed: int, panoramas: int) -> Finding:

@@ -54,8 +54,9 @@ from gse.values.text import count_text
 # expected. A cloud is a stretch whose sky the stars themselves show to be clouded (gse.station.sky_condition).
 #
 # Where neither identifier finds a star for ten seconds or longer (or in all of a shorter session), something else must
-# show the reason: the Sun, empty panoramas, or stars that faded before or after. A sensor that fails under a clear and
-# dark sky is not excused. Empty panoramas have a cause of their own: a blind sensor sends them too.
+# show the reason: the Sun, the Moon in the field, empty panoramas, or stars that faded before or after. A sensor that
+# fails under a clear and dark sky is not excused. Empty panoramas have a cause of their own: a blind sensor sends them
+# too.
 #
 # Absences at the edge of a stretch belong to it: a cloud that closes, a twilight that deepens.
 
@@ -86,10 +87,11 @@ _MOSTLY = 0.5
 """A twilight without a dark part beside it begins where less than this share of the frames is named."""
 
 
-def no_sky(frames: Columns, site: Site, *, starlit: bool = False) -> tuple[Exclusion, ...]:
+def no_sky(frames: Columns, site: Site, *, starlit: bool = False, field_deg: float = 0.0) -> tuple[Exclusion, ...]:
     """The stretches of frames (rows of FRAME, any order) without a sky; each with its reason in words.
 
-    Where it is ``starlit``, clock and site are wrong that say that the Sun is up.
+    Where it is ``starlit``, clock and site are wrong that say that the Sun is up. What is nearer to the boresight than
+    ``field_deg`` is in the field.
     """
     if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock
         frames = InOrder(frames, np.argsort(frames["utc_ns"], kind="stable"))
@@ -99,7 +101,7 @@ def no_sky(frames: Columns, site: Site, *, starlit: bool = False) -> tuple[Exclu
     fewer = _fewer_stars(frames) if clouds else np.zeros(len(frames), dtype=bool)
     for cloud in clouds:
         _add(found, _with_edges(cloud, frames, fewer), frames)
-    for stretch in (*twilights, *_explained(frames, site, starlit)):
+    for stretch in (*twilights, *_explained(frames, site, starlit, field_deg)):
         _add(found, _with_edges(stretch, frames, np.zeros_like(fewer)), frames)
     return tuple(_exclusion(stretch, frames) for stretch in sorted(found, key=lambda one: one.first))
 
@@ -250,9 +252,9 @@ def _clouds(frames: Columns) -> Iterator[_Stretch]:
 # Blind
 
 
-def _explained(frames: Columns, site: Site, starlit: bool) -> Iterator[_Stretch]:
+def _explained(frames: Columns, site: Site, starlit: bool, field_deg: float) -> Iterator[_Stretch]:
     for first, last in _blind_stretches(frames):
-        found = _reason(frames, first, last, site, starlit)
+        found = _reason(frames, first, last, site, starlit) or _by_moon(frames, slice(first, last + 1), field_deg)
         if found is not None:
             yield _Stretch(first, last, *found)
 
@@ -303,6 +305,16 @@ def _reason(frames: Columns, first: int, last: int, site: Site, starlit: bool) -
     if most < FEWEST_OBJECTS:
         return Cause.NO_OBJECTS, _few_objects(most, hot, float(np.median(frames["stars_expected"][part])))
     return None
+
+
+def _by_moon(frames: Columns, part: slice, field_deg: float) -> tuple[Cause, str] | None:
+    """That the Moon stood in the field for half of the frames or more, and blinded it."""
+    if (frames["status"][part] == STATUSES.index(Status.SENSOR_FAULT)).any():
+        return None  # only daylight explains an overexposed detector
+    off_deg, up_deg = (float(np.median(frames[name][part])) for name in ("moon_separation_deg", "moon_altitude_deg"))
+    if not (up_deg > 0 and off_deg < field_deg):
+        return None
+    return Cause.NO_SKY, f"the Moon in the field, {off_deg:.1f} deg from the boresight: no star for {{duration}}"
 
 
 def _few_objects(most: int, hot: int, expected: float) -> str:
@@ -442,7 +454,9 @@ def _without_sky(session: SessionData) -> Iterable[Exclusion]:
     if not session.station.is_under_sky:
         return ()
     starlit = any(event.kind in _SHOW_STARS for event in session.events)
-    found = no_sky(session.frames.columns, session.station.site, starlit=starlit)
+    camera = session.station.sensor.camera()
+    field_deg = math.degrees(min(camera.columns, camera.rows) / 2 * camera.pixel_rad)
+    found = no_sky(session.frames.columns, session.station.site, starlit=starlit, field_deg=field_deg)
     if session.subject is Subject.ONBOARD:
         return found
     return tuple(item for item in found if item.cause is not Cause.NO_OBJECTS)
@@ -564,7 +578,9 @@ LEFT_OUT = (
     LeftOut(Cause.CLOCK_STEP, _clock_and_link, _ACCURACY, "the clock was set, so that its time is not known"),
     LeftOut(Cause.BACKLOG, _clock_and_link, _ACCURACY, "it waited in a buffer, so that its time is not known"),
     LeftOut(Cause.LINK, _link, _ABSENCE, "the port of this computer was gone"),
-    LeftOut(Cause.NO_SKY, _without_sky, _ABSENCE, "daylight, or cloud that other frames show too"),
+    LeftOut(
+        Cause.NO_SKY, _without_sky, _ABSENCE, "daylight, cloud that other frames show too, or the Moon in the field"
+    ),
     LeftOut(Cause.NO_OBJECTS, _without_sky, _ABSENCE, "its panoramas are empty: a cap, a cover, an overcast sky"),
     LeftOut(Cause.SCENE_CHANGE, _between_scenes, _ANY, "it was exposed while the screen changed its scene"),
     LeftOut(Cause.SCREEN_LOST, _between_scenes, _ANY, "the page was closed, hidden, or of another size"),

@@ -11,12 +11,14 @@ from gse.diagnosis.plain_findings import (
     event_findings,
     faulty_panoramas,
     hot_pixels,
+    moon_near,
     nothing_identified,
     ran_away_s,
     sensor_clock_drift,
 )
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import ClockStep, StationKind
+from gse.station.own_answers import SensorAnswers
 from gse.station.results import AnswerCheck, Status
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.excuses import air_in_field
@@ -299,3 +301,67 @@ def test_hot_pixels_are_those_of_the_last_quarter_beyond_the_listed_ones(pixels,
     made.station = made.station.model_copy(update={"sensor": sensor})
     found = list(hot_pixels(made))
     assert [one.size.split(" (median)")[0] for one in found] == ([words] if words else [])
+
+
+def under_the_moon(off_deg, absent, *, up_deg=40.0, hidden=8, false=10, elsewhere=0, count=200):
+    """Of so many frames the first half have the Moon so far off; so many of them have no answer, and glare instead."""
+    made = session(count)
+    frames, half = made.frames.columns, count // 2
+    near, missing = slice(0, half), np.r_[0:absent, half : half + elsewhere]
+    frames["sun_altitude_deg"], frames["moon_altitude_deg"] = -40.0, up_deg
+    frames["moon_separation_deg"], frames["moon_separation_deg"][near] = 60.0, off_deg
+    frames["stars_expected"], frames["stars_seen"], frames["objects"] = 20, 18, 19
+    frames["status"][missing] = STATUSES.index(Status.NO_MATCH)
+    frames["stars_seen"][missing], frames["objects"][missing] = 18 - hidden, 18 - hidden + 1 + false
+    return made
+
+
+FIELD_DEG = np.degrees(STATION.sensor.camera().diagonal_rad) / 2
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "more", "where"),
+    [
+        (FIELD_DEG - 1, {}, "in the field"),
+        (FIELD_DEG + 9, {}, "near the field"),
+        (FIELD_DEG + 11, {}, None),
+        (FIELD_DEG - 1, {"up_deg": -1.0}, None),
+        (FIELD_DEG - 1, {"elsewhere": 40}, None),
+        (FIELD_DEG - 1, {"elsewhere": 5}, "in the field"),
+        (FIELD_DEG - 1, {"hidden": 2, "false": 2}, None),
+        (FIELD_DEG - 1, {"hidden": 3, "false": 0}, "in the field"),
+        (FIELD_DEG - 1, {"hidden": 0, "false": 3}, "in the field"),
+        (FIELD_DEG - 1, {"hidden": 18, "false": -1}, None),
+    ],
+)
+def test_the_moon_is_named_where_answers_are_missing_beside_it_and_glare_is_seen(off_deg, more, where):
+    found = list(moon_near(under_the_moon(off_deg, 60, **more), None))
+    assert len(found) == bool(where)
+    if where:
+        absent = 60 + more.get("elsewhere", 0)
+        assert found[0].size.startswith(f"it was {where} in 60 of {absent} frames without an answer of onboard: ")
+        assert f"{off_deg:.1f} to {off_deg:.1f} deg from the boresight" in found[0].size
+        assert "40 to 40 deg up" in found[0].size
+
+
+@pytest.mark.parametrize(("absent", "is_told"), [(4, False), (5, False), (6, True)])
+def test_so_few_missing_answers_as_the_limit_allows_are_not_the_moons(absent, is_told):
+    assert bool(list(moon_near(under_the_moon(3.0, absent), None))) is is_told
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "hidden", "is_told"), [(3.0, 12, True), (3.0, 7, False), (FIELD_DEG + 1, 12, False)]
+)
+def test_a_moon_that_is_there_all_the_time_is_named_where_it_is_in_the_field(off_deg, hidden, is_told):
+    made = under_the_moon(off_deg, 100, hidden=hidden, false=-1, elsewhere=100)
+    made.frames.columns["moon_separation_deg"] = off_deg
+    assert bool(list(moon_near(made, None))) is is_told
+
+
+def test_the_moon_is_named_for_the_sensors_own_answers_too():
+    made = under_the_moon(3.0, 0)
+    frames = made.frames.columns
+    frames["stars_seen"][:60], frames["objects"][:60] = 10, 20
+    own = SensorAnswers(np.ones(200, dtype=bool), np.arange(200) >= 60, *[np.zeros(200)] * 11)
+    (found,) = moon_near(made, own)
+    assert "60 of 60 frames without an answer of sensor: " in found.size

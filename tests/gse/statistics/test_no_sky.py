@@ -591,3 +591,27 @@ def test_absences_far_from_a_cloud_are_the_sensors():
 def test_a_cloud_is_one_at_any_rate(step_s):
     made = clouded(100, 160, few(step_s * np.arange(400)))
     assert stretches_s(made) == [(pytest.approx(100 * step_s), pytest.approx(159 * step_s))]
+
+
+@pytest.mark.parametrize(
+    ("moon", "objects", "status", "is_excused"),
+    [
+        ((40.0, 4.0), 25, Status.NO_MATCH, True),
+        ((40.0, 5.5), 25, Status.NO_MATCH, False),
+        ((-1.0, 4.0), 25, Status.NO_MATCH, False),
+        ((np.nan, np.nan), 25, Status.NO_MATCH, False),
+        ((40.0, 4.0), 25, Status.SENSOR_FAULT, False),
+    ],
+)
+def test_the_moon_in_the_field_explains_panoramas_without_a_star(moon, objects, status, is_excused):
+    made = frames(moon_altitude_deg=moon[0], moon_separation_deg=moon[1], objects=objects)
+    made[BLIND]["status"] = STATUSES.index(status)
+    words = [(item.cause, item.reason) for item in no_sky(made, STATION.site, field_deg=5.0)]
+    told = (Cause.NO_SKY, "the Moon in the field, 4.0 deg from the boresight: no star for 12 s")
+    assert words == ([told] if is_excused else [])
+
+
+def test_the_moon_excuses_no_identifier_where_the_reference_answers():
+    made = frames(moon_altitude_deg=40.0, moon_separation_deg=4.0)
+    made[BLIND]["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.ABSENT)
+    assert no_sky(made, STATION.site, field_deg=5.0) == ()

@@ -7,7 +7,8 @@ import pytest
 from skies.own_answers import with_answers
 from skies.wrong_night import Plan, World, session
 
-from gse.station.results import Subject, Verdict
+from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status, Subject, Verdict
 from gse.values.site import Site
 from gse.verdict.assessment import judge
 
@@ -315,3 +316,17 @@ def test_own_answers_that_are_off_too_confirm_no_camera():
     judged = beside_own_answers(VOUCHED, replace(VOUCHED, principal_point_px=(20.0, 0.0)), de_off_arcsec=100.0)
     assert judged.verdict is Verdict.FAIL
     assert judged.findings[0].cause == "alignment of the sensor"
+
+
+@pytest.mark.parametrize(("check", "expected"), [(AnswerCheck.ABSENT, 120), (AnswerCheck.UNKNOWN, 40)])
+def test_answers_missing_under_the_moon_count_only_where_the_reference_has_them(check, expected):
+    made = session(WORLD, WORLD, PLAN)
+    frames = made.frames.columns
+    glare = slice(30, 110)
+    frames["moon_altitude_deg"], frames["moon_separation_deg"] = 40.0, 3.0
+    frames["status"][glare], frames["answer_check"][glare] = STATUSES.index(Status.NO_MATCH), ANSWER_CHECKS.index(check)
+    frames["stars_seen"][glare], frames["objects"][glare] = 5, 25
+    judged = judge(made)
+    assert judged.findings[0].cause == "the Moon"
+    assert judged.findings[0].size.startswith("it was in the field in 80 of 80 frames without an answer of onboard: ")
+    assert judged.statistics.subjects[Subject.ONBOARD].available.of == expected
