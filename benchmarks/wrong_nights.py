@@ -395,6 +395,17 @@ def wall(share: float) -> Callable[[np.ndarray, float], np.ndarray]:
     return lambda xy_px, time_s: xy_px[:, 0] < share * SIZE_PX
 
 
+def dew(towards: tuple[float, float], share: float = 0.97, since_s: float = 0.0) -> Callable[..., np.ndarray]:
+    """In the half of the field on one side of its middle so many of the stars are hidden, others in each frame."""
+    rng = np.random.default_rng(7)
+
+    def hidden(xy_px: np.ndarray, time_s: float) -> np.ndarray:
+        beyond = (xy_px - 511.5) @ np.array(towards) > 0
+        return beyond & (rng.random(len(xy_px)) < share) & (time_s >= since_s)
+
+    return hidden
+
+
 def tree(per_s: float) -> Callable[[np.ndarray, float], np.ndarray]:
     return lambda xy_px, time_s: xy_px[:, 0] < per_s * time_s * SIZE_PX
 
@@ -523,6 +534,7 @@ def of_size(columns: int, rows: int) -> dict[str, object]:
 
 OWN_FALSE = r"reason:^sensor (false answers|d(RA|DE))"
 SET_UP = (OPEN,)
+HALF = "obstruction|half of the field"
 MARCH, DAWN, RA_ZERO = "2026-03-20T15:00:00", "2026-03-20T21:50:00", "2026-08-20T17:43:40"
 NORTH = {"latitude_deg": 78.0, "longitude_deg": 15.0}
 ZENITH, POLE = {**NORTH, "altitude_deg": 90.0}, {**NORTH, "azimuth_deg": 0.0, "altitude_deg": 77.95}
@@ -691,6 +703,15 @@ NIGHTS = (
     Night("four fifths of the field behind a wall", (OPEN, FAIL), "obstruction", hidden=wall(0.8)),
     Night("a third of the field behind a wall", (PASS, OPEN), "obstruction", hidden=wall(0.35)),
     Night("a tree grows over the field", (PASS, OPEN), "obstruction", frames=600, hidden=tree(0.9 / 300)),
+    Night("dew on the lower half of the field", (PASS, OPEN), HALF, own=True, hidden=dew((0, 1))),
+    Night("shade on the right half of the field", (PASS, OPEN), HALF, hidden=dew((1, 0), 1.0)),
+    Night("dew on a corner half of the field", (PASS, OPEN), HALF, hidden=dew((-0.7, 0.7))),
+    Night("thin dew on the upper half of the field", (PASS, OPEN), HALF, hidden=dew((0, -1), 0.8)),
+    Night("dew on the left half from half way on", (PASS, OPEN, FAIL), HALF, frames=600,
+          hidden=dew((-1, 0), since_s=150)),
+    Night("dew on the lower half at high rate", (PASS, OPEN), HALF, frames=600, step_s=0.1, hidden=dew((0, 1))),
+    Night("dew on the lower half of a field that passes", (PASS, OPEN, FAIL), HALF, frames=450, step_s=4.0,
+          hidden=dew((0, 1))),
     Night("a mount that turns with 1 arcsec/s", (OPEN, FAIL), "mount moves|clock drift|mount follows",
           turn_arcsec=rate(1.0)),
     Night("a slip of 100 arcsec", SET_UP, "slip|step", frames=600, turn_arcsec=moved(150, 9999, 100.0, 40.0, 0.0)),

@@ -21,7 +21,14 @@ from gse.diagnosis.fine_causes import forget_fits
 from gse.diagnosis.fine_findings import Setting, fine_findings, without_shaking
 from gse.diagnosis.gross_causes import gross_finding
 from gse.diagnosis.late_frames import LateFrames
-from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, hidden_field, most_unmatched, other_size, stars_fall_out
+from gse.diagnosis.misplaced_stars import (
+    STARS_FALL_OUT,
+    dark_half,
+    hidden_field,
+    most_unmatched,
+    other_size,
+    stars_fall_out,
+)
 from gse.diagnosis.moved_mount import moved_finding, moved_mount
 from gse.diagnosis.plain_findings import (
     event_findings,
@@ -260,8 +267,9 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
     is_other_size = "detector size" in named or any(one.kind == StationKind.WRONG_DETECTOR for one in session.events)
     hidden = () if is_other_size or named & set(STARS_FALL_OUT) else tuple(hidden_field(session))
-    yield from moon_near(session, stats.own)
-    yield from hidden
+    moon = tuple(moon_near(session, stats.own))
+    yield from moon
+    yield from hidden or (() if moon or is_other_size or named & set(STARS_FALL_OUT) else dark_half(session))
     yield from event_findings(session, named)
     yield from () if hidden else nothing_identified(session)
     yield from faulty_panoramas(session, stats.counted)

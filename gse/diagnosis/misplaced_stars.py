@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,6 +202,136 @@ def _one_sided(
     if missing[: seen[len(seen) // 2]].sum() >= _BRIGHTER:
         chance *= _CHANCE / _CHANCE_OF_BRIGHT
     return towards, gone, count, chance
+
+
+# Half of the field that shows hardly a star: dew, shade, a wall that stands as far as the middle.
+#
+# Whole stars are counted, over all looks, of those that are bright enough to be seen in the other half. If seen and
+# unseen ones lay at random, Fisher's exact test tells how seldom they would part so between the halves.
+
+_HALF_LOOKS = 60
+_HALF_CHANCE, _HALF_WAYS = 0.02, 4 * 3
+"""Eight halves, of which neighbours share three quarters, are tried in three stretches of time. However many looks
+there are, six stars on either side are the fewest that prove it."""
+_DARK_SHARE, _LIGHT_SHARE = 0.25, 0.7
+"""Shares of the expected stars that are seen: at most in the one half, at least in the other."""
+_BRIGHT_PERCENTILE = 90.0
+"""Of the stars that are seen: fainter ones may be missing anywhere."""
+_LOSS_PER_AIRMASS_MAG = 0.25
+"""A usual night; low stars are fainter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sightings:
+    """Stars (N,) expected at looks (N,), with their places (N, 2) from the detector's middle, and which are seen."""
+
+    star: NDArray[np.int64]
+    look: NDArray[np.int64]
+    from_middle_px: NDArray[np.float64]
+    seen: NDArray[np.bool_]
+
+    def some(self, rows: NDArray[np.bool_]) -> "_Sightings":
+        return _Sightings(self.star[rows], self.look[rows], self.from_middle_px[rows], self.seen[rows])
+
+
+def dark_half(session: SessionData) -> Iterator[Finding]:
+    """That hardly a star of one half of the image is seen, and most of those of the other half are."""
+    sightings = _sightings(session) if session.station.mount.inertial is None else None
+    if sightings is None:
+        return
+    middle = (sightings.look.min() + sightings.look.max()) / 2
+    stretches = {
+        "": sightings,
+        "in the first half of the session, ": sightings.some(sightings.look < middle),
+        "in the second half of the session, ": sightings.some(sightings.look >= middle),
+    }
+    for when, part in stretches.items():
+        if (found := _dark_side(part)) is not None:
+            place, (dark, light) = found
+            side, other = (_SIDES[(place + turn) % 8] for turn in (0, 4))
+            yield Finding(
+                "half of the field",
+                f"{when}of {dark.stars} expected stars in the {side} half of the image {dark.share:.0%} were seen, of "
+                f"{light.stars} in the {other} half {light.share:.0%}".replace("%", " %"),
+                ("dew or dirt on a part of the lens", "shade, a wall or a tree", "light that blinds this half"),
+                "look at the lens and free the view of the sensor, then repeat the session",
+            )
+            return
+
+
+@dataclass(frozen=True, slots=True)
+class _Half:
+    """How many stars are expected in a half, how many are seen at most looks, and the mean share of looks."""
+
+    stars: int
+    often: int
+    share: float
+
+
+def _dark_side(sightings: _Sightings) -> tuple[int, tuple[_Half, _Half]] | None:
+    """The side (a place in _SIDES) whose half is dark, with the dark and the other half; the surest one."""
+    best, found = _HALF_CHANCE / _HALF_WAYS, None
+    for place in range(len(_SIDES)):
+        angle = place * math.pi / 4
+        beyond = (sightings.from_middle_px * [math.cos(angle), math.sin(angle)]).sum(axis=1) > 0
+        dark, light = _half(sightings.some(beyond)), _half(sightings.some(~beyond))
+        if dark is None or light is None or dark.share > _DARK_SHARE or light.share < _LIGHT_SHARE:
+            continue
+        if (chance := _chance_of(dark, light)) < best:
+            best, found = chance, (place, (dark, light))
+    return found
+
+
+def _half(sightings: _Sightings) -> _Half | None:
+    _, star = np.unique(sightings.star, return_inverse=True)
+    if not len(star):
+        return None
+    share = np.bincount(star, sightings.seen) / np.bincount(star)
+    return _Half(len(share), int((share >= 0.5).sum()), float(share.mean()))
+
+
+def _chance_of(dark: _Half, light: _Half) -> float:
+    """That no more of the stars of the dark half are among those that are seen, by Fisher's exact test."""
+    seen = dark.often + light.often
+    ways = sum(math.comb(dark.stars, few) * math.comb(light.stars, seen - few) for few in range(dark.often + 1))
+    return ways / math.comb(dark.stars + light.stars, seen)
+
+
+def _sightings(session: SessionData) -> _Sightings | None:
+    """Stars as bright as nearly all that are seen, at looks over the identified frames; None where there are none."""
+    frames, camera, middle_ns = session.frames.columns, session.station.sensor.camera(), middle_instant_ns(session)
+    matches, others = session.frames.matches, session.frames.others
+    rows = np.unique(matches["frame"]).astype(np.int64)
+    if middle_ns is None or not len(rows):
+        return None
+    frame = np.concatenate([matches["frame"], others["frame"]]).astype(np.int64)
+    xy_px = np.concatenate([xy_px_of(matches), xy_px_of(others)])
+    catalog = catalog_of(session.station, middle_ns)
+    zenith_sensor = horizon_to_sensor(session.alignment.mount if session.alignment else session.station.mount)[:, 2]
+    parts = []
+    for row in rows[np.linspace(0, len(rows) - 1, min(_HALF_LOOKS, len(rows))).astype(np.int64)].tolist():
+        icrs_to_sensor = _attitude(session, row)
+        if icrs_to_sensor is None or not frames["stars_expected"][row] >= 0:
+            continue
+        stars_sensor = product(catalog.icrs, icrs_to_sensor.T)
+        up = product(stars_sensor, zenith_sensor)
+        near = np.flatnonzero(
+            (stars_sensor[:, 2] > math.cos(camera.diagonal_rad)) & (up > math.sin(math.radians(_LOW_DEG)))
+        )
+        places = camera.pixels(stars_sensor[near])
+        inside = (places > _MARGIN_PX).all(axis=1) & camera.contains(places + _MARGIN_PX)
+        star, places = near[inside], places[inside]
+        magnitude = catalog.magnitude[star] + _LOSS_PER_AIRMASS_MAG / up[star]
+        seen = (np.linalg.norm(places[:, None] - xy_px[frame == row][None], axis=2) < _WITHIN_PX).any(axis=1)
+        parts.append((star, np.full(len(star), row), places, seen, magnitude))
+    if not parts:
+        return None
+    star, look, places, seen, magnitude = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if not seen.any():
+        return None
+    bright = magnitude <= np.percentile(magnitude[seen], _BRIGHT_PERCENTILE)
+    middle_px = (np.array([camera.columns, camera.rows]) - 1) / 2
+    return _Sightings(star, look, places - middle_px, seen).some(bright)
 
 
 # A detector of another size, under which some panoramas are identified all the same.

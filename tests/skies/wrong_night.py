@@ -48,7 +48,8 @@ class World:
     vibration across it. ``wander`` is a correlated error across the boresight: arcsec, and its time constant in s.
     From ``at_s`` on frames are read ``late_s`` later.
     A station file that is ``vouched`` for states how well site and mount are known; the host's clock is synchronised.
-    ``clouds`` are (from s, to s, magnitudes). A wall hides the pixels left of ``wall_px``.
+    ``clouds`` are (from s, to s, magnitudes). A wall hides the pixels left of ``wall_px``, from ``at_s`` on; dew hides
+    ``dew_share`` of the stars there, others in each frame.
     From ``frozen_from_s`` on the sensor sends one picture again and again.
     """
 
@@ -82,6 +83,7 @@ class World:
     wander: tuple[float, float] = (0.0, 1.0)
     clouds: tuple[tuple[float, float, float], ...] = ()
     wall_px: float = 0.0
+    dew_share: float = 1.0
     frozen_from_s: float = math.inf
     vouched: bool = False
 
@@ -181,7 +183,9 @@ def _frames(
         dimmed = sum(much for since, until, much in true.clouds if since <= at_s < until)
         faintness = magnitudes[inside] + dimmed + rng.normal(0, _MAGNITUDE_NOISE, int(inside.sum()))
         shown = ((xy_px > -0.5) & (xy_px < true.size_px - 0.5)).all(axis=1)
-        shown &= (xy_px[:, 0] >= true.wall_px) | (true.wall_px == 0)
+        if true.wall_px and at_s >= true.at_s:
+            dewed = np.ones(len(shown), dtype=bool) if true.dew_share == 1 else rng.random(len(shown)) < true.dew_share
+            shown &= (xy_px[:, 0] >= true.wall_px) | ~dewed
         shown &= faintness < true.faintest_mag - _DETECTION_MARGIN_MAG
         xy_px = xy_px[shown] + rng.normal(0, true.noise_px, (int(shown.sum()), 2))
         yield at_s, *_objects(true, xy_px, _ZERO_POINT * 10 ** (-0.4 * (faintness[shown] - _BRIGHT_MAG)), hot)

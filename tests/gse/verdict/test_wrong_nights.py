@@ -1,5 +1,6 @@
 """Nights by astropy alone with one thing wrong, judged: the word and what it is named for."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from skies.own_answers import with_answers
 from skies.wrong_night import Plan, World, session
 
+from gse.diagnosis.misplaced_stars import dark_half
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject, Verdict
 from gse.values.site import Site
@@ -237,6 +239,40 @@ def test_a_wall_in_the_field_is_named_by_the_side_on_which_it_stands(wall_px):
 def test_a_cloud_that_takes_as_many_stars_is_no_wall():
     told = judge(session(OPEN, replace(OPEN, clouds=((0.0, 99.0, 1.2),)), EVENING))
     assert "obstruction" not in {finding.cause for finding in told.findings}
+
+
+EAST = replace(OPEN, azimuth_deg=100.0)
+HALF_DARK = replace(EAST, wall_px=512.0, dew_share=0.9)
+
+
+@pytest.mark.parametrize(("at_s", "when"), [(0.0, ""), (10.0, "in the second half of the session, ")])
+def test_half_of_a_field_that_shows_hardly_a_star_is_named_with_both_halves(at_s, when):
+    told = judge(session(EAST, replace(HALF_DARK, at_s=at_s), EVENING))
+    (finding,) = [one for one in told.findings if one.cause == "half of the field"]
+    words = re.fullmatch(
+        when + r"of (\d+) expected stars in the left half of the image (\d+) % were seen, of (\d+) in the right half "
+        r"(\d+) %",
+        finding.size,
+    )
+    dark, dark_percent, light, light_percent = map(int, words.groups())
+    assert min(dark, light) >= 6
+    assert dark_percent < 25
+    assert light_percent > 90
+    assert told.verdict is not Verdict.FAIL
+
+
+NO_DARK_HALF = {
+    "a clear sky": EAST,
+    "dew that hides half of the stars": replace(HALF_DARK, dew_share=0.5),
+    "a cloud": replace(EAST, clouds=((0.0, 99.0, 1.2),)),
+    "too few stars to tell": replace(HALF_DARK, faintest_mag=5.2),
+    "a third of the field": replace(HALF_DARK, wall_px=150.0),
+}
+
+
+@pytest.mark.parametrize("true", NO_DARK_HALF.values(), ids=NO_DARK_HALF)
+def test_no_half_of_the_field_is_named_without_strong_evidence(true):
+    assert not list(dark_half(session(EAST, true, EVENING)))
 
 
 def test_a_mount_that_turns_is_named_and_no_vibration_beside_it():
