@@ -390,6 +390,13 @@ def rate(arcsec_per_s: float) -> Callable[[float], tuple[float, float, float]]:
     return lambda time_s: (arcsec_per_s * time_s, 0.0, 0.0)
 
 
+def driven(times: float) -> Callable[[float], tuple[float, float, float]]:
+    """A drive turns the mount about the pole, westwards, so many times as fast as the Earth turns."""
+    latitude = np.radians(TRUE["latitude_deg"])
+    pole = axes_of(*(TRUE[key] for key in MOUNT)) @ np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    return lambda time_s: tuple((-15.041067 * times * time_s * pole).tolist())  # type: ignore[return-value]
+
+
 def wall(share: float) -> Callable[[np.ndarray, float], np.ndarray]:
     """What lies in so much of the field, from the left, is hidden."""
     return lambda xy_px, time_s: xy_px[:, 0] < share * SIZE_PX
@@ -755,6 +762,14 @@ NIGHTS = (
     under_the_moon(Night("the Moon stands in the field of a good sensor", (PASS,), "none", own=True), 1, 40),
     under_the_moon(Night("the Moon in the field, an identifier that is silent in bursts", (FAIL,), "none", own=True,
                          command="python3 {folder}/program.py 0.25 0", frames=320), 1, 40),
+    Night("a drive at sidereal rate", SET_UP, "mount follows", frames=600, turn_arcsec=driven(1.0)),
+    Night("a drive at solar rate", SET_UP, "mount follows", frames=600, turn_arcsec=driven(0.99727)),
+    Night("a drive at sidereal rate for half a minute", SET_UP, "mount follows", frames=60, turn_arcsec=driven(1.0)),
+    Night("a drive at sidereal rate for a quarter of an hour, own answers", SET_UP, "mount follows", own=True,
+          frames=900, step_s=1.0, turn_arcsec=driven(1.0)),
+    Night("a drive, own answers 100 arcsec off", (FAIL,), "mount follows", own=True, frames=600,
+          turn_arcsec=driven(1.0), meddle=own_off(lambda one: True, 100 / 60)),
+    Night("a drive, vouched", (FAIL,), "mount follows", vouched=True, frames=600, turn_arcsec=driven(1.0)),
     # 7. What must have a line.
     Night("a jolt of 300 arcsec for 10 s", SET_UP, "slip|jolt|moved", frames=600,
           turn_arcsec=moved(100, 110, 250.0, 160.0, 0.0)),

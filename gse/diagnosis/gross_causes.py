@@ -369,7 +369,7 @@ _MOST_WORSE = 6.63
 """By how much chi-square of one angle that is free is less, in one session of a hundred in which it is nothing."""
 _NEAR_SHARE, _NEAR_ARCSEC = 0.05, 20.0
 """What explains nearly all is named, too, with what it leaves: a third of the usual limit at most."""
-_MOVED_SHARE = 0.2
+MOVED_SHARE = 0.2
 """Of the turn of the ground: what sees the sky move by less follows it."""
 _STARS_ARCSEC, _TIMES_ROLL = 1.0, 10.0
 """What the places of stars leave of the boresight, and how much worse they tell the roll."""
@@ -571,16 +571,20 @@ def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> GrossCause | None:
     """A mount that is driven, or answers that stand still; any other move is left to gse.diagnosis.fine_causes."""
     at = central(raw.icrs_to_sensor)
     on_sky = np.degrees(np.linalg.norm(small_rotations(raw.icrs_to_sensor, raw.icrs_to_sensor[at]), axis=1))
-    if float(np.median(on_sky)) > _MOVED_SHARE * apart_deg:
+    if float(np.median(on_sky)) > MOVED_SHARE * apart_deg:
         return None
-    finding = Finding(
+    return GrossCause(follows_the_sky(apart_deg))
+
+
+def follows_the_sky(apart_deg: float) -> Finding:
+    """That the ground turned by so much while the same stars were seen."""
+    return Finding(
         "mount follows the sky",
         f"the sensor sees the same stars all the time, while the ground turned by {angle_text(apart_deg)}",
         ("answers of the sensor that stand still",),
         "stop the drive of the mount: a test needs a mount that is fixed to the ground",
         is_gross=True,
     )
-    return GrossCause(finding)
 
 
 # The gross cause of a session: its answers against the stated site, mount and clock.

@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.diagnosis.fine_findings import CLOCK_SCALES
-from gse.diagnosis.gross_causes import CORRECT, angle_text, gross_cause_of
+from gse.diagnosis.gross_causes import CORRECT, MOVED_SHARE, angle_text, follows_the_sky, gross_cause_of
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
 from gse.diagnosis.moved_mount import SLIP, shown_frames
 from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_rad, taken_out
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import Finding, StationKind
 from gse.station.mount_alignment import persistent_arcsec2
-from gse.station.results import ERRORS, AnswerCheck, Status, attitude_errors
+from gse.station.results import ERRORS, AnswerCheck, Status, Subject, attitude_errors
 from gse.station.session_data import SessionData
 from gse.station.session_tables import residuals_of, xy_px_of
 from gse.statistics.clock_health import ClockHealth
@@ -62,7 +62,7 @@ OF_PLACE = ("mount", "clock offset", "site", "refraction", *CLOCK_SCALES)
 """Fine causes that turn the measured mount."""
 _TURNS_PANORAMAS = ("pixel origin", "principal point")
 """Fine causes of the camera that turn the measured mount, too."""
-_CHANGES = ("mount moves", SLIP, "thermal sinusoid", "clock drift", "clock step")
+CHANGES = ("mount moves", SLIP, "thermal sinusoid", "clock drift", "clock step")
 """Fine causes whose mean over the session is a turn, too."""
 
 
@@ -185,7 +185,7 @@ def shared_turn(session: SessionData, stats: Statistics, budget: TruthUncertaint
     stated = horizon_to_sensor(mount)
     frames = session.frames.columns
     rows = rows[:: -(-len(rows) // _MOST_FITTED)]
-    measured = product(_as_turns(*(frames[axis.column][rows] for axis in OF_SENSOR)), stated)
+    measured = _measured(session, rows)
     fit = fit_mount(frames["utc_ns"][rows], measured, persistent_arcsec2=persistent_arcsec2(session))
     if session.station.identifier.algorithm == "external":
         by_stars = product(erfa.rv2m(-_off_its_stars(session, shown)), horizon_to_sensor(fit.mount))
@@ -219,8 +219,7 @@ def mount_fit(session: SessionData, counted: CountedFrames) -> dict[str, Any] | 
         fitted = session.alignment.mount
     elif len(rows) >= _FEWEST_FRAMES:
         frames, rows = session.frames.columns, rows[:: -(-len(rows) // _MOST_SHOWN)]
-        measured = product(_as_turns(*(frames[axis.column][rows] for axis in OF_SENSOR)), horizon_to_sensor(mount))
-        fitted = fit_mount(frames["utc_ns"][rows], measured).mount
+        fitted = fit_mount(frames["utc_ns"][rows], _measured(session, rows)).mount
     else:
         return None
     (turn,) = small_rotations(horizon_to_sensor(fitted)[None], horizon_to_sensor(mount)) * ARCSEC_PER_RAD
@@ -245,6 +244,13 @@ def _off_its_stars(session: SessionData, shown: NDArray[np.bool_]) -> NDArray[np
     turns = FrameFits.from_directions(directions, matches["frame"]).turns(residuals_of(matches) * ARCSEC_RAD)
     off = np.median(turns, axis=0)
     return np.asarray(off if length(off) < _OTHER_STARS_RAD else np.zeros(3))
+
+
+def _measured(session: SessionData, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The rotations (M, 3, 3) from the horizon frame to the sensor that some frames show."""
+    frames = session.frames.columns
+    turns = _as_turns(*(frames[axis.column][rows] for axis in OF_SENSOR))
+    return np.asarray(product(turns, horizon_to_sensor(session.station.mount)))
 
 
 def _as_turns(x_arcsec: _Errors, y_arcsec: _Errors, roll_arcsec: _Errors) -> NDArray[np.float64]:
@@ -283,6 +289,67 @@ def without_turn(session: SessionData, fit: Alignment) -> SessionData:
     turn = product(horizon_to_sensor(fit.mount), horizon_to_sensor(session.station.mount).T)
     turned = _with_truth_turned(session, np.broadcast_to(turn, (len(session.frames), 3, 3)))
     return replace(turned, alignment=fit)
+
+
+# A drive that turns the mount with the sky.
+#
+# It need not stand exactly at the pole, nor keep exactly the rate of the stars: a steady turn about any axis is fitted.
+
+_DRIVE_ROUNDS = 6
+"""Each leaves of the rate what turns of degrees do not commute: a fifth at most."""
+_FEWEST_DRIVEN = 30
+_STILL = ("frozen sensor", "repeated panoramas")
+"""Findings of a picture that stands still under the sky."""
+
+
+def driven_mount(
+    session: SessionData, stats: Statistics, budget: TruthUncertaintyBudget, found: tuple[Finding, ...]
+) -> tuple[Finding, SessionData] | None:
+    """The finding that a drive turned the mount with the sky, and the session as judged with a mount that it turns.
+
+    None where somebody vouches that it stands where the station file says, and where panoramas do not show it: a sensor
+    whose answers, or whose pictures, stand still sees no sky.
+    """
+    rows = np.flatnonzero(shown_frames(session, stats.counted))
+    stands_still = any(one.cause in _STILL for one in found)
+    if session.subject is not Subject.ONBOARD or len(rows) < _FEWEST_DRIVEN or stands_still:
+        return None
+    passed_s = (session.frames.columns["utc_ns"] - session.frames.columns["utc_ns"][rows[0]]) / NS_PER_S
+    some = rows[:: -(-len(rows) // _MOST_FITTED)]
+    by_second = _rate_of_turn(_measured(session, some), passed_s[some])
+    with_sky = -pole(session.station.site) * EARTH_RATE_ARCSEC_PER_S * ARCSEC_RAD  # westwards
+    if length(by_second - with_sky) > MOVED_SHARE * length(with_sky):
+        return None
+    turned = erfa.rv2m(passed_s[:, None] * by_second)
+
+    def seen_from(mount: Mount) -> NDArray[np.float64]:
+        stands = horizon_to_sensor(mount)
+        return np.asarray(product(stands, turned, stands.T))
+
+    shared = shared_turn(_with_truth_turned(session, seen_from(session.station.mount)), stats, budget)
+    if shared is None or not shared.is_free or any(one.startswith("mount") for one in shared.vouched):
+        return None
+    ground_deg = math.degrees(length(with_sky)) * float(np.ptp(passed_s[rows]))
+    finding = follows_the_sky(ground_deg)
+    finding = next((one for one in found if one.cause == finding.cause), finding)
+    finding = replace(finding, size=f"{finding.size} ({shared.who})")
+    return finding, _with_mount_turned(without_turn(session, shared.fit), seen_from(shared.fit.mount))
+
+
+def _rate_of_turn(measured: NDArray[np.float64], time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rate (3,) in rad/s, about axes of the horizon frame, at which a mount turns whose rotations are (M, 3, 3)."""
+    by_second = np.zeros(3)
+    columns = np.column_stack([np.ones(len(time_s)), time_s - time_s.mean()])
+    for _ in range(_DRIVE_ROUNDS):
+        at_rest = product(measured, erfa.rv2m(-time_s[:, None] * by_second))
+        turns = erfa.rm2v(product(at_rest[len(at_rest) // 2].T, at_rest))
+        by_second = by_second + lstsq(columns, turns)[1]
+    return by_second
+
+
+def _with_mount_turned(session: SessionData, turns: NDArray[np.float64]) -> SessionData:
+    """The same with a mount that stood turned by a rotation (M, 3, 3) of the sensor frame in each frame."""
+    return replace(_with_truth_turned(session, turns), mount_turns=turns)
 
 
 def at_the_right_rate(session: SessionData, counted: CountedFrames) -> SessionData:
@@ -374,7 +441,7 @@ def place_mistake(
     turning = *OF_PLACE, *_TURNS_PANORAMAS
     named = next((finding for finding in found if finding.cause == "detector size"), None)
     named = named or next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
-    named = named or next((finding for finding in found if finding.cause in _CHANGES), None)
+    named = named or next((finding for finding in found if finding.cause in CHANGES), None)
     gross = gross_cause_of(session, counted) if named and named.is_gross else None
     is_exact = named is not None and named.cause in ("detector size", *CLOCK_SCALES)
     is_exact = is_exact or (gross is not None and gross.is_exact)

@@ -307,7 +307,10 @@ def _measure(
         with_truth = compared[part]
         if truth is None or not with_truth.any():
             continue
-        errors = attitude_errors(measured[with_truth], truth.expected(utc_ns[part][with_truth]))
+        expected = truth.expected(utc_ns[part][with_truth])
+        if session.mount_turns is not None:
+            expected = product(session.mount_turns[rows[part][with_truth]], expected)
+        errors = attitude_errors(measured[with_truth], expected)
         for name, values in zip(ERRORS, errors.T, strict=True):
             columns[name][rows[part][with_truth]] = values
     without_roll = rows[_lacks_roll(answers["ra_deg"][places], answers["roll_deg"][places])]

@@ -3,6 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.catalog.stars import ListedStars
@@ -34,7 +37,8 @@ class SessionData:
     numbers depend on. ``events_not_kept`` are those of a flood, which are only counted. ``others_lost`` of the lost
     frames of the link were certainly no panoramas. A ``truncated`` session lost its end; a ``growing`` one is still
     being recorded. ``stars`` are those of the mission catalogue: matches name its rows. ``alignment`` is the mount that
-    was fitted on the session itself, ``clock_error_s`` a bound of the host clock's error that the operator states,
+    was fitted on the session itself; from there ``mount_turns`` (M, 3, 3), in the sensor frame, turned it in each frame
+    (None: it stood still). ``clock_error_s`` is a bound of the host clock's error that the operator states,
     ``excluded`` the times that the operator excludes from the statistics. ``shown`` is what a screen showed, by its
     events SHOWN. ``time`` says what the sensor's time tags tell. ``power`` are the readings of its supply. ``external``
     is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
@@ -62,6 +66,7 @@ class SessionData:
     growing: bool = False
     earth_orientation: EarthOrientation | None = None
     alignment: Alignment | None = None
+    mount_turns: NDArray[np.float64] | None = None
     clock_error_s: float | None = None
     excluded: tuple[Exclusion, ...] = ()
     shown: ShownSky = field(default_factory=ShownSky)

@@ -607,7 +607,7 @@ CAMERA = Excuse(
 PLACE = Excuse(
     "set-up",
     _of_place,
-    (Claim.ACCURACY, Claim.FALSEHOOD),
+    (Claim.ACCURACY, Claim.ABSENCE, Claim.FALSEHOOD),
     "site, mount, clock, air or camera are not vouched for, and the row keeps its limit without the turn they explain",
 )
 HIDDEN = Excuse(

@@ -23,11 +23,13 @@ from gse.diagnosis.screen_findings import screen_findings
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.diagnosis.set_up_mistake import (
+    CHANGES,
     OF_PLACE,
     alignment_finding,
     at_the_right_rate,
     camera_beside_answers,
     camera_mistake,
+    driven_mount,
     hidden_mistake,
     lost_station,
     mistake_of,
@@ -298,8 +300,8 @@ def _turned(
 ) -> tuple[Finding | None, frozenset[tuple[Subject, str]], tuple[Finding, ...]]:
     """The mistake of place, if there is one, the rows that keep their limit without its turn, and what was found.
 
-    One turn is looked for in the whole session, then one on either side of a slip or at another rate of time tags,
-    where that leaves fewer rows.
+    One turn is looked for in the whole session, then one on either side of a slip, under a drive, or at another rate
+    of time tags, where that leaves fewer rows.
     """
     shared = shared_turn(session, stats, budget)
     kept = _kept(rows, without_turn(session, shared.fit)) if shared is not None else frozenset()
@@ -312,11 +314,11 @@ def _turned(
         for row in rows
         if row.outcome is Outcome.FAIL and requirement_of(row).claim is not Claim.ABSENCE
     }
-    for changed in (_moved, _mistimed):
+    for changed, explains in ((_moved, ()), (_driven, CHANGES), (_mistimed, ())):
         if failing - kept and (change := changed(session, stats, rows, found)) and len(change[1]) > len(kept):
             named, kept = change
-            beside = (one for one in found if not one.is_gross and one.cause not in (*OF_PLACE, named.cause))
-            return named, kept, (named, *beside)
+            others = (*OF_PLACE, *explains, named.cause)
+            return named, kept, (named, *(one for one in found if not one.is_gross and one.cause not in others))
     if shared is None or not kept:
         return None, kept, found
     if explained := place_mistake(session, stats.counted, found, shared):
@@ -357,6 +359,14 @@ def _moved(
     return (pushed_mount(found, how.changes_ns[0], tuple(turns)), frozenset(kept)) if turns else None
 
 
+def _driven(
+    session: SessionData, stats: Statistics, rows: tuple[Row, ...], found: tuple[Finding, ...]
+) -> tuple[Finding, frozenset[tuple[Subject, str]]] | None:
+    """That a drive turned the mount with the sky, and the failing rows that keep their limit on a mount so turned."""
+    driven = driven_mount(session, stats, _budget(session, stats), found)
+    return (driven[0], _kept(rows, driven[1])) if driven else None
+
+
 def _mistimed(
     session: SessionData, stats: Statistics, rows: tuple[Row, ...], found: tuple[Finding, ...]
 ) -> tuple[Finding, frozenset[tuple[Subject, str]]] | None:
@@ -385,7 +395,8 @@ def _kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subjec
 
 def _keeps_its_limit(row: Row) -> bool:
     """Whether the figure itself does, though its uncertainty may not."""
-    return row.outcome is Outcome.PASS or (row.outcome is Outcome.INCONCLUSIVE and row.value <= row.limit)
+    keeps = row.value >= row.limit if requirement_of(row).at_least else row.value <= row.limit
+    return row.outcome is Outcome.PASS or (row.outcome is Outcome.INCONCLUSIVE and keeps)
 
 
 def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:

@@ -22,7 +22,7 @@ from gse.inspection.made_session import AstropySky, MadeSensor, mounted
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
-from gse.values.constants import ARCSEC_RAD
+from gse.values.constants import ARCSEC_RAD, EARTH_RATE_RAD_PER_S
 from gse.values.instant import NS_PER_S, from_text
 from gse.values.site import Site
 from protocols import PanoramaMessage
@@ -51,6 +51,7 @@ class World:
     ``clouds`` are (from s, to s, magnitudes). A wall hides the pixels left of ``wall_px``, from ``at_s`` on; dew hides
     ``dew_share`` of the stars there, others in each frame.
     From ``frozen_from_s`` on the sensor sends one picture again and again.
+    A drive turns the mount about the pole, westwards, ``driven`` times as fast as the Earth turns.
     """
 
     site: Site
@@ -85,6 +86,7 @@ class World:
     wall_px: float = 0.0
     dew_share: float = 1.0
     frozen_from_s: float = math.inf
+    driven: float = 0.0
     vouched: bool = False
 
     def at(self, **changes: float) -> "World":
@@ -177,6 +179,7 @@ def _frames(
     for number, at_s in enumerate(time_s.tolist()):
         seen, sensor = directions(at_s), true.sensor()
         sensor = replace(sensor, axes=Rotation.from_rotvec(turns[number]).as_matrix() @ sensor.axes)
+        sensor = replace(sensor, axes=sensor.axes @ _driven(true, at_s).T)
         inside = (seen @ sensor.axes[2] > 0.3) & (seen[:, 2] > _HORIZON)
         xy_px = sensor.pixels(seen[inside]) + true.principal_point_px
         xy_px[:, 0] += true.wider_columns * (xy_px[:, 0] - (true.size_px - 1) / 2)
@@ -235,6 +238,13 @@ def _stars(true: World, time_s: NDArray[np.float64], start_ns: int):
 @functools.lru_cache(maxsize=1)
 def _catalog():
     return load_catalog(faintest_magnitude=8.0).at_epoch(2026.3)
+
+
+def _driven(true: World, at_s: float) -> NDArray[np.float64]:
+    """The rotation (3, 3) of the horizon frame by which the drive has turned the mount."""
+    latitude = math.radians(true.site.latitude_deg)
+    west_rad = true.driven * EARTH_RATE_RAD_PER_S * at_s
+    return Rotation.from_rotvec([0.0, -west_rad * math.cos(latitude), -west_rad * math.sin(latitude)]).as_matrix()
 
 
 def _turns(true: World, time_s: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from skies.wrong_night import Plan, World, session
 from gse.diagnosis.misplaced_stars import dark_half
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject, Verdict
+from gse.statistics.decision import Outcome
 from gse.values.site import Site
 from gse.verdict.assessment import judge
 
@@ -220,6 +221,39 @@ def test_a_proxy_that_delays_each_frame_is_no_step_of_the_clock():
     (finding,) = judge(session(world, replace(world, late_s=0.6), replace(PLAN, seconds=120.0))).findings
     assert finding.cause == "link delay"
     assert finding.size.startswith("frames come 0.600 s later from 2026-03-20T21:30:30Z on")
+
+
+@pytest.mark.parametrize("seconds", [60.0, 200.0])
+@pytest.mark.parametrize("times", [1.0, 0.99727], ids=["sidereal", "solar"])
+def test_a_drive_is_a_mistake_of_the_set_up(times, seconds):
+    judged = judge(session(WORLD, replace(WORLD, driven=times), replace(PLAN, seconds=seconds, rate_hz=1.0)))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert judged.reasons[0].startswith("set-up: mount follows the sky: the sensor sees the same stars all the time")
+    assert "nobody vouches for mount and site" in judged.reasons[0]
+    assert [finding.cause for finding in judged.findings] == ["mount follows the sky"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "true"),
+    [({"vouched": True}, {"driven": 1.0}), ({}, {"frozen_from_s": 0.0})],
+    ids=["a mount that is vouched for", "a picture that stands still"],
+)
+def test_it_is_none_of_another(stated, true):
+    stated = replace(WORLD, **stated)
+    assert judge(session(stated, replace(stated, **true), PLAN)).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize(("off_arcsec", "word"), [(0.0, Verdict.INCONCLUSIVE), (100.0, Verdict.FAIL)])
+def test_own_answers_are_judged_on_the_mount_that_a_drive_turns(off_arcsec, word):
+    """By a degree and a half, so that the last of them lie a degree from most."""
+    made = session(WORLD, replace(WORLD, driven=1.0), replace(PLAN, seconds=600.0, rate_hz=0.5))
+    angles = np.column_stack([made.frames.columns[f"{name}_deg"] for name in ("ra", "de", "roll")])
+    angles[:, 1] += off_arcsec / 3600
+    judged = judge(with_answers(made, angles, np.full(len(angles), 12)))
+    assert judged.verdict is word
+    failing = {row.name for row in judged.rows if row.outcome is Outcome.FAIL}
+    assert failing == ({"mean |dDE|", "95 % of |dDE|"} if off_arcsec else set())
+    assert {row.subject for row in judged.rows if row.outcome is Outcome.FAIL} <= {Subject.SENSOR}
 
 
 EQUATOR = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=200.0, pressure_hpa=985.0, temperature_c=24.0)
