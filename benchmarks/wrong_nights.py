@@ -397,6 +397,11 @@ def driven(times: float) -> Callable[[float], tuple[float, float, float]]:
     return lambda time_s: tuple((-15.041067 * times * time_s * pole).tolist())  # type: ignore[return-value]
 
 
+def turned_at(*turns: tuple[float, float, float, float]) -> Callable[[float], tuple[float, float, float]]:
+    """From each time on, in s, the mount is turned by so many arcsec about columns, rows and boresight."""
+    return lambda time_s: next((turn[1:] for turn in turns[::-1] if time_s >= turn[0]), (0.0, 0.0, 0.0))
+
+
 def wall(share: float) -> Callable[[np.ndarray, float], np.ndarray]:
     """What lies in so much of the field, from the left, is hidden."""
     return lambda xy_px, time_s: xy_px[:, 0] < share * SIZE_PX
@@ -770,6 +775,19 @@ NIGHTS = (
     Night("a drive, own answers 100 arcsec off", (FAIL,), "mount follows", own=True, frames=600,
           turn_arcsec=driven(1.0), meddle=own_off(lambda one: True, 100 / 60)),
     Night("a drive, vouched", (FAIL,), "mount follows", vouched=True, frames=600, turn_arcsec=driven(1.0)),
+    Night("turned twice, by 5 and 8 deg", SET_UP, "mount moved", frames=600, step_s=1.0,
+          turn_arcsec=turned_at((200, 18_000, 0, 0), (400, 18_000, 28_000, 0))),
+    Night("turned twice, by 18 deg", SET_UP, "mount moved", frames=600, step_s=1.0,
+          turn_arcsec=turned_at((200, 64_800, 0, 0), (400, 0, 64_800, 0))),
+    Night("turned to five pointings", SET_UP, "mount moved", frames=900, step_s=1.0, own=True,
+          turn_arcsec=turned_at((180, 18_000, 0, 0), (360, 18_000, 28_000, 0), (540, 0, 9000, 36_000),
+                                (720, -9000, 4000, 0))),
+    Night("turned to five pointings within 0.1 deg", SET_UP, "mount moved", frames=900, step_s=1.0,
+          turn_arcsec=turned_at((180, 300, 0, 0), (360, 100, -300, 0), (540, 0, 360, 360), (720, -200, 40, 0))),
+    Night("turned twice, vouched", (FAIL,), "slip|pointings|mount", vouched=True, frames=600, step_s=1.0,
+          turn_arcsec=turned_at((200, 18_000, 0, 0), (400, 18_000, 28_000, 0))),
+    Night("own answers that jump twice", (FAIL,), OWN_FALSE, own=True, frames=600, step_s=1.0,
+          meddle=own_off(lambda one: True, lambda one: (0, 3, -5)[int(one.time_s // 200)])),
     # 7. What must have a line.
     Night("a jolt of 300 arcsec for 10 s", SET_UP, "slip|jolt|moved", frames=600,
           turn_arcsec=moved(100, 110, 250.0, 160.0, 0.0)),

@@ -1,10 +1,11 @@
-"""A mount that was moved while the session ran: pushed for good, kicked and put back, or jumping.
+"""A mount that was moved while the session ran: pushed for good, kicked and put back, jumping, or turned repeatedly.
 
-Panoramas then show two directions that both hold still. Nobody vouches that a mount is not touched; without panoramas
+Panoramas then show directions that hold still. Nobody vouches that a mount is not touched; without panoramas
 nothing independent tells such an error from one of the sensor.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +16,13 @@ from gse.diagnosis.gross_causes import angle_text
 from gse.station.columns import ANSWER_CHECKS
 from gse.station.events import Finding
 from gse.station.exclusions import Cause, Exclusion
+from gse.station.frame_columns import Columns
 from gse.station.results import AnswerCheck, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
 from gse.values.axis import ON_SKY
-from gse.values.instant import LAST_NS, to_text
+from gse.values.constants import ARCSEC_PER_RAD
+from gse.values.instant import LAST_NS, NS_PER_S, to_text
 from gse.values.matrices import length
 
 SLIP = "slip of the mount"
@@ -109,6 +112,81 @@ def _from_a_split_on(errors: NDArray[np.float64]) -> NDArray[np.bool_]:
     sums = np.cumsum(errors - errors.mean(axis=0), axis=0)[:-1]
     parts_it = int(np.argmax((sums**2).sum(axis=1) / (until * (len(errors) - until))))
     return np.arange(len(errors)) > parts_it
+
+
+# A mount that was turned several times, and held still after each.
+#
+# A stretch begins with frames that look in one direction, and ends where several in a row do not. What drifts or swings
+# leaves it as well, but into a next one that lies beside it; a mount that was turned stands far from where it stood.
+
+_FEWEST_HELD, _LEAST_HELD_NS = 20, 30 * NS_PER_S
+"""What is looked at for less is passed on the way."""
+_IN_A_ROW, _MOST_STRAY = 5, 0.25
+"""So many frames in a row leave a stretch; of the first of it so large a share may be false, as elsewhere."""
+_TIMES_NOISE, _LEAST_WITHIN_ARCSEC = 6.0, 15.0
+"""Frames of one stretch lie within this of each other: stars come and go, and a mount settles."""
+_TIMES_WITHIN = 4.0
+"""Two stretches lie so many times further apart; those of a drift lie twice as far."""
+_MOST_BETWEEN = 0.1
+"""Share of the frames that belong to no stretch: more are no mount that stands, and would hide too much."""
+
+
+def pointings(session: SessionData, counted: CountedFrames) -> tuple[NDArray[np.int64], ...]:
+    """The rows of the frames in each stretch in which the mount held still, three or more of them; none of another.
+
+    Two directions that are further apart than a push may well be two sensors, or another sky.
+    """
+    frames = session.frames.columns
+    rows = np.flatnonzero(shown_frames(session, counted))
+    if session.subject is not Subject.ONBOARD or len(rows) < 3 * _FEWEST_HELD:
+        return ()
+    rows = rows[np.argsort(frames["utc_ns"][rows], kind="stable")]
+    errors = np.column_stack([frames[name][rows] for name in ("cross_x_arcsec", "cross_y_arcsec", "d_roll_arcsec")])
+    errors = errors.astype(np.float64) * _WEIGHTS
+    noise = float(np.median(np.linalg.norm(np.diff(errors, axis=0), axis=1))) / math.sqrt(2)
+    within = max(_TIMES_NOISE * noise, _LEAST_WITHIN_ARCSEC)
+    held = [part for part in _held(errors, within) if np.ptp(frames["utc_ns"][rows[part]]) >= _LEAST_HELD_NS]
+    if len(held) < 3 or sum(len(rows[part]) for part in held) < (1 - _MOST_BETWEEN) * len(rows):
+        return ()
+    middles = np.array([np.median(errors[part], axis=0) for part in held])
+    apart = np.linalg.norm(middles[:, None] - middles, axis=2)
+    are_two = bool((apart[:, [0, 1]].min(axis=1) < _TIMES_WITHIN * within).all())
+    if np.diagonal(apart, 1).min() < _TIMES_WITHIN * within or (are_two and apart[0, 1] > MOST_SLIP_ARCSEC):
+        return ()
+    of_reference = [_from_reference_arcsec(frames, rows[part]) for part in held]
+    return tuple(rows[part] for part in held) if max(of_reference) - min(of_reference) < within else ()
+
+
+_WEIGHTS = np.array([1.0, 1.0, 0.1])
+"""A field shows roll ten times worse than direction."""
+
+
+def _held(errors: NDArray[np.float64], within: float) -> Iterator[slice]:
+    """The stretches of errors (K, 3) that lie so near to each other; those that are long enough."""
+    first = passed = 0
+    while first + _FEWEST_HELD <= len(errors) and passed <= _MOST_BETWEEN * len(errors):
+        begin = errors[first : first + _FEWEST_HELD]
+        middle = np.median(begin, axis=0)
+        off = np.linalg.norm(begin - middle, axis=1) > within
+        if off[0] or off.mean() > _MOST_STRAY:
+            first, passed = first + 1, passed + 1
+            continue
+        off = np.linalg.norm(errors[first:] - middle, axis=1) > within
+        left = np.flatnonzero(np.convolve(off, np.ones(_IN_A_ROW), "valid") == _IN_A_ROW)
+        until = first + int(left[0]) if len(left) else len(errors)
+        yield slice(first, until)
+        first = until
+
+
+def _from_reference_arcsec(frames: Columns, rows: NDArray[np.int64]) -> float:
+    """How far the answers of some frames lie from those of the reference identifier; 0 where it has none."""
+    ra, de, ra_reference, de_reference = (
+        np.radians(frames[f"{name}_deg"][rows]) for name in ("ra", "de", "ra_reference", "de_reference")
+    )
+    across = np.sin((ra - ra_reference) / 2) ** 2 * np.cos(de) * np.cos(de_reference)
+    arcsec = 2 * ARCSEC_PER_RAD * np.arcsin(np.sqrt(np.sin((de - de_reference) / 2) ** 2 + across))
+    known = arcsec[np.isfinite(arcsec)]
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def moved_finding(session: SessionData, moved: Moved) -> Finding | None:

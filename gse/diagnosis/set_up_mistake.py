@@ -14,6 +14,7 @@ A session that lost its station file is judged on the built-in one, whose limits
 fails.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -27,10 +28,11 @@ from gse.config.station import Station
 from gse.diagnosis.fine_findings import CLOCK_SCALES
 from gse.diagnosis.gross_causes import CORRECT, MOVED_SHARE, angle_text, follows_the_sky, gross_cause_of
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
-from gse.diagnosis.moved_mount import SLIP, shown_frames
-from gse.diagnosis.turns import EAST, VERTICAL, ahead, level_axis, pole, size_rad, taken_out
+from gse.diagnosis.moved_mount import SLIP, pointings, shown_frames
+from gse.diagnosis.turns import EAST, VERTICAL, about, ahead, level_axis, pole, size_rad, taken_out
 from gse.station.columns import ANSWER_CHECKS, STATUSES
 from gse.station.events import Finding, StationKind
+from gse.station.exclusions import Cause, Exclusion
 from gse.station.mount_alignment import persistent_arcsec2
 from gse.station.results import ERRORS, AnswerCheck, Status, Subject, attitude_errors
 from gse.station.session_data import SessionData
@@ -45,7 +47,7 @@ from gse.truth import Alignment, fit_mount, horizon_to_sensor, mount_of, small_r
 from gse.values.attitude_convention import AttitudeConvention, read_angles, state_angles
 from gse.values.axis import AXES, OF_SENSOR
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RADIUS_M, EARTH_RATE_ARCSEC_PER_S
-from gse.values.instant import NS_PER_S, to_text
+from gse.values.instant import LAST_NS, NS_PER_S, to_text
 from gse.values.matrices import length, lstsq, product
 from gse.values.mount import Mount, MountUncertainty
 from gse.values.site import Site, SiteUncertainty
@@ -62,7 +64,7 @@ OF_PLACE = ("mount", "clock offset", "site", "refraction", *CLOCK_SCALES)
 """Fine causes that turn the measured mount."""
 _TURNS_PANORAMAS = ("pixel origin", "principal point")
 """Fine causes of the camera that turn the measured mount, too."""
-CHANGES = ("mount moves", SLIP, "thermal sinusoid", "clock drift", "clock step")
+_CHANGES = ("mount moves", SLIP, "thermal sinusoid", "clock drift", "clock step")
 """Fine causes whose mean over the session is a turn, too."""
 
 
@@ -284,6 +286,81 @@ def pushed_mount(found: tuple[Finding, ...], moved_ns: int, parts: tuple[SharedT
     )
 
 
+def repointed_mount(
+    session: SessionData, stats: Statistics, budget: TruthUncertaintyBudget
+) -> tuple[Finding, SessionData] | None:
+    """The finding that the mount was turned again and again, and the session as judged with where it stood each time.
+
+    None where somebody vouches that it stands elsewhere. Frames on the way between two directions have no truth.
+    """
+    held = pointings(session, stats.counted)
+    of_parts = []
+    for rows in held:
+        answered = np.zeros(len(session.frames), dtype=bool)
+        answered[rows] = True
+        of_part = replace(stats, counted=replace(stats.counted, answered=answered))
+        shared = shared_turn(session, of_part, budget)
+        if shared is None or not shared.is_free:
+            return None
+        of_parts.append(shared)
+    if not held:
+        return None
+    utc_ns = session.frames.columns["utc_ns"]
+    begins = [int(utc_ns[rows[0]]) for rows in held]
+    stands = [horizon_to_sensor(one.fit.mount) for one in of_parts]
+    longest = max(range(len(held)), key=lambda part: len(held[part]))
+    there = np.array([product(one, stands[longest].T) for one in stands])
+    turns = there[np.maximum(np.searchsorted(begins, utc_ns, side="right") - 1, 0)]
+    left_out = replace(session, excluded=(*session.excluded, *_on_the_way(session, stats.counted, held)))
+    finding = _turned_often(begins[1:], stands, session.station.site, of_parts[0].who)
+    return finding, _with_mount_turned(without_turn(left_out, of_parts[longest].fit), turns)
+
+
+def _on_the_way(
+    session: SessionData, counted: CountedFrames, held: tuple[NDArray[np.int64], ...]
+) -> Iterator[Exclusion]:
+    """Before, between and after stretches in which a mount held still: times in which frames show it elsewhere."""
+    utc_ns = session.frames.columns["utc_ns"]
+    shown_ns = utc_ns[shown_frames(session, counted)]
+    begins, ends = ([int(utc_ns[rows[place]]) for rows in held] for place in (0, -1))
+    for from_ns, until_ns in zip([0, *(end + 1 for end in ends)], [*begins, LAST_NS], strict=True):
+        if ((shown_ns >= from_ns) & (shown_ns < until_ns)).any():
+            yield Exclusion(from_ns, until_ns, "the mount was turned", Cause.MOUNT)
+
+
+_MOST_TIMES = 6
+"""Turns that a finding tells each by itself."""
+_ABOUT_POLE_ARCSEC = 60.0
+"""What a turn that is that of a clock leaves, as the roll of a short stretch is known."""
+
+
+def _turned_often(at_ns: list[int], stands: list[NDArray[np.float64]], site: Site, who: str) -> Finding:
+    turns = [product(before.T, after) for before, after in itertools.pairwise(stands)]
+    told = [f"at {to_text(ns, 0)} by {angle_text(math.degrees(size_rad(turn)))}"
+            for ns, turn in zip(at_ns, turns, strict=True)][:_MOST_TIMES]  # fmt: skip
+    more = f", and {len(turns) - _MOST_TIMES} times more" if len(turns) > _MOST_TIMES else ""
+    is_clock = all(about(pole(site), turn)[1] * ARCSEC_PER_RAD < _ABOUT_POLE_ARCSEC for turn in turns)
+    return Finding(
+        "mount moved",
+        f"it was turned {len(turns)} times and held still in between: {', '.join(told)}{more} ({who})",
+        (*["a clock that was set each time"] * is_clock, "other sensors one after another"),
+        "judge each part by itself: gse session trim SESSION cuts it",
+    )
+
+
+def beside_a_change(found: tuple[Finding, ...], named: Finding) -> Iterator[Finding]:
+    """What was found beside a slip, a drive, several pointings or another rate: nothing that these make by themselves.
+
+    A drive, and a mount that was turned several times, look like any other change.
+    """
+    explained = {*OF_PLACE, named.cause, "none of these"}
+    may_be_any = named.cause in ("mount moved", "mount follows the sky")
+    for one in found:
+        is_change = one.cause in _CHANGES or any(SLIP in equal for equal in one.equals)
+        if not one.is_gross and one.cause not in explained and not (may_be_any and is_change):
+            yield one
+
+
 def without_turn(session: SessionData, fit: Alignment) -> SessionData:
     """The session as it would have been judged with the mount that the stars fit."""
     turn = product(horizon_to_sensor(fit.mount), horizon_to_sensor(session.station.mount).T)
@@ -441,7 +518,7 @@ def place_mistake(
     turning = *OF_PLACE, *_TURNS_PANORAMAS
     named = next((finding for finding in found if finding.cause == "detector size"), None)
     named = named or next((finding for finding in found if finding.is_gross or finding.cause in turning), None)
-    named = named or next((finding for finding in found if finding.cause in CHANGES), None)
+    named = named or next((finding for finding in found if finding.cause in _CHANGES), None)
     gross = gross_cause_of(session, counted) if named and named.is_gross else None
     is_exact = named is not None and named.cause in ("detector size", *CLOCK_SCALES)
     is_exact = is_exact or (gross is not None and gross.is_exact)

@@ -23,10 +23,10 @@ from gse.diagnosis.screen_findings import screen_findings
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.diagnosis.set_up_mistake import (
-    CHANGES,
     OF_PLACE,
     alignment_finding,
     at_the_right_rate,
+    beside_a_change,
     camera_beside_answers,
     camera_mistake,
     driven_mount,
@@ -35,6 +35,7 @@ from gse.diagnosis.set_up_mistake import (
     mistake_of,
     place_mistake,
     pushed_mount,
+    repointed_mount,
     shared_turn,
     without_turn,
 )
@@ -300,8 +301,8 @@ def _turned(
 ) -> tuple[Finding | None, frozenset[tuple[Subject, str]], tuple[Finding, ...]]:
     """The mistake of place, if there is one, the rows that keep their limit without its turn, and what was found.
 
-    One turn is looked for in the whole session, then one on either side of a slip, under a drive, or at another rate
-    of time tags, where that leaves fewer rows.
+    One turn is looked for in the whole session, then one on either side of a slip, under a drive, in each of several
+    pointings, or at another rate of time tags, where that leaves fewer rows.
     """
     shared = shared_turn(session, stats, budget)
     kept = _kept(rows, without_turn(session, shared.fit)) if shared is not None else frozenset()
@@ -314,11 +315,12 @@ def _turned(
         for row in rows
         if row.outcome is Outcome.FAIL and requirement_of(row).claim is not Claim.ABSENCE
     }
-    for changed, explains in ((_moved, ()), (_driven, CHANGES), (_mistimed, ())):
+    named = None
+    for changed in (_moved, _driven, _repointed, _mistimed):
         if failing - kept and (change := changed(session, stats, rows, found)) and len(change[1]) > len(kept):
             named, kept = change
-            others = (*OF_PLACE, *explains, named.cause)
-            return named, kept, (named, *(one for one in found if not one.is_gross and one.cause not in others))
+    if named is not None:
+        return named, kept, (named, *beside_a_change(found, named))
     if shared is None or not kept:
         return None, kept, found
     if explained := place_mistake(session, stats.counted, found, shared):
@@ -364,7 +366,15 @@ def _driven(
 ) -> tuple[Finding, frozenset[tuple[Subject, str]]] | None:
     """That a drive turned the mount with the sky, and the failing rows that keep their limit on a mount so turned."""
     driven = driven_mount(session, stats, _budget(session, stats), found)
-    return (driven[0], _kept(rows, driven[1])) if driven else None
+    return (driven[0], _all_kept(rows, driven[1])) if driven else None
+
+
+def _repointed(
+    session: SessionData, stats: Statistics, rows: tuple[Row, ...], found: tuple[Finding, ...]
+) -> tuple[Finding, frozenset[tuple[Subject, str]]] | None:
+    """That the mount was turned repeatedly, and the failing rows that keep their limit where it stood each time."""
+    repointed = repointed_mount(session, stats, _budget(session, stats))
+    return (repointed[0], _all_kept(rows, repointed[1])) if repointed else None
 
 
 def _mistimed(
@@ -387,8 +397,22 @@ def _mistimed(
 
 def _kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subject, str]]:
     """Rows that fail, and keep their limits in the session without the turn that panoramas and stars share."""
-    stats = statistics(without)
-    left = _rows(without, stats, _budget(without, stats))
+    return _kept_by(rows, _rows_of(without))
+
+
+def _all_kept(rows: tuple[Row, ...], without: SessionData) -> frozenset[tuple[Subject, str]]:
+    """The same; none where another row fails there: turns that differ may have hidden which answers are false."""
+    left = _rows_of(without)
+    failing = ({(row.subject, row.name) for row in some if row.outcome is Outcome.FAIL} for some in (left, rows))
+    return _kept_by(rows, left) if next(failing) <= next(failing) else frozenset()
+
+
+def _rows_of(session: SessionData) -> tuple[Row, ...]:
+    stats = statistics(session)
+    return _rows(session, stats, _budget(session, stats))
+
+
+def _kept_by(rows: tuple[Row, ...], left: tuple[Row, ...]) -> frozenset[tuple[Subject, str]]:
     failing = {(row.subject, row.name) for row in rows if row.outcome is Outcome.FAIL}
     return frozenset(failing & {(row.subject, row.name) for row in left if _keeps_its_limit(row)})
 

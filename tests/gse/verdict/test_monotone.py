@@ -138,6 +138,71 @@ def test_a_kicked_mount_is_no_excuse_where_it_is_vouched_for():
     assert judge(made).verdict is Verdict.FAIL
 
 
+THIRDS = (slice(200, 400), slice(400, 600))
+
+
+def turned_to(made, *turns_deg, parts=THIRDS):
+    for part, turn_deg in zip(parts, turns_deg, strict=True):
+        elsewhere(made, np.arange(FRAMES)[part], turn_deg)
+    return made
+
+
+@pytest.mark.parametrize("turns_deg", [(0.1, 0.3), (2.0, -3.0), (5.0, 40.0)])
+def test_a_mount_that_was_turned_to_several_pointings_is_a_mistake_of_the_set_up(turns_deg):
+    judged = judge(turned_to(session(FRAMES, step_s=1.0), *turns_deg))
+    assert judged.verdict is Verdict.INCONCLUSIVE, judged.reasons
+    (finding,) = judged.findings
+    assert finding.cause == "mount moved"
+    assert finding.size.startswith("it was turned 2 times and held still in between: at 20")
+    assert "nobody vouches for mount and site" in finding.size
+
+
+def test_a_vouched_mount_is_turned_to_no_several_pointings():
+    assert judge(turned_to(session(FRAMES, step_s=1.0, station=VOUCHED), 2.0, -3.0)).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize(("turn_deg", "word"), [(1.0, Verdict.INCONCLUSIVE), (15.0, Verdict.FAIL)])
+def test_a_mount_is_turned_to_and_fro_by_no_more_than_a_push(turn_deg, word):
+    """What shows two directions in turns that lie further apart may be two sensors, or a sensor with an old picture."""
+    parts = (slice(150, 300), slice(450, 600))
+    judged = judge(turned_to(session(FRAMES, step_s=1.0), turn_deg, turn_deg, parts=parts))
+    assert judged.verdict is word
+    assert (judged.findings[0].cause == "mount moved") == (word is Verdict.INCONCLUSIVE)
+
+
+def test_frames_on_the_way_to_another_pointing_have_no_truth():
+    made = turned_to(session(FRAMES, step_s=1.0), 2.0, -3.0)
+    for row in range(200, 215):
+        elsewhere(made, [row], -2.0 * (215 - row) / 15)
+    assert judge(made).verdict is Verdict.INCONCLUSIVE
+
+
+@pytest.mark.parametrize("kind", ["false", "elsewhere"])
+def test_several_pointings_excuse_no_answers_that_are_false_at_one_of_them(kind):
+    made = turned_to(session(FRAMES, step_s=1.0), 2.0, -3.0)
+    KINDS[kind](made, np.arange(0, FRAMES, 20))
+    assert judge(made).verdict is Verdict.FAIL
+
+
+def test_a_mount_that_drifts_was_not_turned_to_several_pointings():
+    made = session(FRAMES, step_s=1.0)
+    for name in ("d_ra_cosde_arcsec", "cross_x_arcsec"):
+        made.frames.columns[name] += 2.0 * np.arange(FRAMES)
+    judged = judge(made)
+    assert judged.verdict is Verdict.FAIL
+    assert "mount moved" not in {finding.cause for finding in judged.findings}
+
+
+def test_own_answers_that_jump_while_panoramas_do_not_are_the_sensors():
+    made = session(FRAMES, step_s=1.0)
+    angles = without_error(made, whole_field=True)
+    for part, off_arcsec in zip(THIRDS, (150.0, -300.0), strict=True):
+        angles[part, 1] += off_arcsec / 3600
+    judged = judge(with_answers(made, angles, np.full(FRAMES, 12)))
+    assert judged.verdict is Verdict.FAIL
+    assert "mount moved" not in {finding.cause for finding in judged.findings}
+
+
 def test_what_comes_and_goes_is_no_moved_mount():
     made = session(FRAMES, step_s=1.0)
     elsewhere(made, np.arange(0, FRAMES, 4), 2.0)
