@@ -551,6 +551,7 @@ MARCH, DAWN, RA_ZERO = "2026-03-20T15:00:00", "2026-03-20T21:50:00", "2026-08-20
 NORTH = {"latitude_deg": 78.0, "longitude_deg": 15.0}
 ZENITH, POLE = {**NORTH, "altitude_deg": 90.0}, {**NORTH, "azimuth_deg": 0.0, "altitude_deg": 77.95}
 WINTER = "2026-01-20T20:00:00"
+DAY_S = 86_400.0
 
 
 def under_the_moon(night: Night, false: int, hides_px: float) -> Night:
@@ -671,7 +672,13 @@ NIGHTS = (
     Night("pixels 0.4 % wider along rows", (PASS, OPEN), "pixel pitch", meddle=wide(0.004)),
     Night("pixels counted from 1", SET_UP, "pixel origin|principal point",
           meddle=each(lambda one: setattr(one, "xy_px", one.xy_px + 1.3333))),
+    Night("day and month exchanged, 30 days behind", SET_UP, "date", clock="", start="2026-04-03T15:00:00",
+          start_off_s=-30 * DAY_S),
+    Night("day and month exchanged, 149 days ahead, clock stated", SET_UP, "date", start="2026-03-08T15:00:00",
+          start_off_s=149 * DAY_S),
     # ... and for which somebody vouches.
+    Night("day and month exchanged, 205 days behind, mount vouched", SET_UP, "date", vouched=True, clock="",
+          start="2026-11-04T22:00:00", start_off_s=-205 * DAY_S, place={**NORTH, "azimuth_deg": 20.0}),
     Night("vouched, sensor turned by 0.5 deg", (FAIL,), "alignment of the sensor", {"altitude_deg": 62.5}, True),
     Night("vouched, sensor turned by 200 arcsec", (FAIL,), "alignment of the sensor", {"altitude_deg": 62.055}, True),
     Night("vouched, azimuth from south", SET_UP, "azimuth from south", {"azimuth_deg": 220.0}, True),

@@ -9,7 +9,7 @@ beside a mount that was set by hand.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -121,15 +121,18 @@ def of_clock(stated: GrossHypothesis, fast_s: float) -> Iterator[GrossHypothesis
         if hours and abs(fast - 3600 * hours) < near_s and abs(fast) < _MOST_CLOCK_S:
             cause, size = _clock_words(hours)
             yield replace(stated, cause=cause, size=size, next_step=SET_CLOCK, clock_s=3600.0 * hours)
+    yield from of_date(stated, fast_s, DATE_S)
+
+
+def of_date(stated: GrossHypothesis, fast_s: float, within_s: float) -> Iterator[GrossHypothesis]:
+    """Dates, up to a year, that turn the sky by what is seen about the pole, within so many seconds."""
     for days in (*range(-366, -1), *range(2, 367)):
         turned_s = 86_400 * days - SIDEREAL_DAY_S * round((86_400 * days - fast_s) / SIDEREAL_DAY_S)
-        way = "ahead of" if days > 0 else "behind"
-        size = f"the host's date is {abs(days)} days {way} UTC"
-        dated = replace(stated, size=size, next_step=SET_CLOCK, clock_s=86_400.0 * days)
-        if abs(days) >= 365 and abs(turned_s - fast_s) < _YEAR_WITHIN_S:
-            yield replace(dated, cause="date off by a year")
-        elif abs(turned_s - fast_s) < DATE_S:
-            yield replace(dated, cause="date off by days")
+        is_year = abs(days) >= 365
+        if abs(turned_s - fast_s) < (max(within_s, _YEAR_WITHIN_S) if is_year else within_s):
+            size = f"the host's date is {abs(days)} days {'ahead of' if days > 0 else 'behind'} UTC"
+            dated = replace(stated, size=size, next_step=SET_CLOCK, clock_s=86_400.0 * days)
+            yield replace(dated, cause="date off by a year") if is_year else replace(dated, cause="date off by days")
 
 
 def _nearest_zone(hours: float) -> float:
@@ -211,6 +214,8 @@ def central(rotations: NDArray[np.float64]) -> int:
 
 DATE_S = 4.0
 """A date that is off by days moves the stars by aberration and precession too, by 40 arcsec at most in half a year."""
+_NEXT_DATE_S = 120.0
+"""Far from the equator these 40 arcsec are a minute and more about the pole, of the 237 s from one date to the next."""
 _SITE_ROUNDS, _SITE_STEP_DEG, _MOST_LATITUDE_DEG = 6, 0.01, 89.9
 _CHECK_MOUNT = "check the angles of the mount, then: gse align SESSION --accept-gross --write FILE"
 
@@ -433,9 +438,15 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
     fast_s = of_one_axis[0].under.clock_s
     of_list = [tried(one) for one in (*of_site(site, mount), *of_mount(site, mount), *of_clock(stated, fast_s))]
     best_of_any_amount = min(one.chi_square for one in of_one_axis)
-    exact = [one for one in of_list if one.is_exact and one.chi_square < best_of_any_amount + _MOST_WORSE]
-    if exact:
-        return GrossCause(_of_the_list(exact, error_deg), is_exact=True)
+
+    def exact_among(hypotheses: Iterable[_Tried]) -> list[_Tried]:
+        return [one for one in hypotheses if one.is_exact and one.chi_square < best_of_any_amount + _MOST_WORSE]
+
+    dates = (tried(one) for one in of_date(stated, fast_s, _NEXT_DATE_S))
+    if exact := exact_among(of_list) or exact_among(dates):
+        found = _of_the_list(exact, error_deg)
+        turns = [_in_words(one.under, stated) for one in of_one_axis if one.is_exact]
+        return GrossCause(_beside_turns(found, turns) if found.cause.startswith("date off") else found, is_exact=True)
     if error_deg < GROSS_DEG:
         return None
     if exact := [one for one in of_one_axis if one.is_exact]:
@@ -466,6 +477,13 @@ def _of_the_list(equal: list[_Tried], error_deg: float) -> Finding:
         best.under.next_step,
         is_gross=True,
     )
+
+
+def _beside_turns(date: Finding, turns: list[Finding]) -> Finding:
+    """A date beside what turns the sky as much, where aberration and precession do not tell them apart."""
+    equals = [f"{one.cause} ({one.size})" for one in turns]
+    equals += [equal for one in turns for equal in one.equals if not equal.startswith("a date ")]
+    return replace(date, equals=(*date.equals, *equals))
 
 
 def _noise_arcsec(measured: NDArray[np.float64], site: Site, mount: Mount) -> NDArray[np.float64]:

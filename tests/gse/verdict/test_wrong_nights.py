@@ -84,6 +84,16 @@ def test_a_mistake_that_looks_like_a_turned_mount_is_named_by_what_it_is(true, c
     assert words in finding.size
 
 
+@pytest.mark.parametrize("days", [-340, -270, -205, 93, 184, 306])
+def test_a_date_is_told_by_its_aberration_and_precession_far_from_the_equator_too(days):
+    """They are many seconds about the pole there, by which it is no clock that fits a mount that is vouched for."""
+    polar = replace(WORLD.at(latitude_deg=65.0), azimuth_deg=20.0, altitude_deg=85.0, whole_pixels=False, vouched=True)
+    judged = judge(session(polar, replace(polar, clock_s=days * 86_400.0), SHORT))
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    way = "ahead of" if days > 0 else "behind"
+    assert judged.reasons[0].startswith(f"set-up: date off by days: the host's date is {abs(days)} days {way} UTC")
+
+
 @pytest.mark.parametrize("off_px", [(1.0, -1.0), (0.75, 0.75)])
 def test_a_pixel_along_one_axis_alone_or_a_part_of_one_is_no_origin(off_px):
     found = judge(session(WORLD, replace(WORLD, principal_point_px=off_px), SHORT)).findings
