@@ -301,15 +301,21 @@ def _sightings(session: SessionData) -> _Sightings | None:
     """Stars as bright as nearly all that are seen, at looks over the identified frames; None where there are none."""
     frames, camera, middle_ns = session.frames.columns, session.station.sensor.camera(), middle_instant_ns(session)
     matches, others = session.frames.matches, session.frames.others
-    rows = np.unique(matches["frame"]).astype(np.int64)
+    of_look = np.zeros(len(frames), dtype=bool)
+    of_look[matches["frame"]] = True
+    rows = np.flatnonzero(of_look)
     if middle_ns is None or not len(rows):
         return None
-    frame = np.concatenate([matches["frame"], others["frame"]]).astype(np.int64)
+    rows = rows[np.linspace(0, len(rows) - 1, min(_HALF_LOOKS, len(rows))).astype(np.int64)]
+    of_look[:] = False
+    of_look[rows] = True
+    matches, others = (some.compress(of_look[some["frame"]]) for some in (matches, others))
+    frame = np.concatenate([matches["frame"], others["frame"]])
     xy_px = np.concatenate([xy_px_of(matches), xy_px_of(others)])
     catalog = catalog_of(session.station, middle_ns)
     zenith_sensor = horizon_to_sensor(session.alignment.mount if session.alignment else session.station.mount)[:, 2]
     parts = []
-    for row in rows[np.linspace(0, len(rows) - 1, min(_HALF_LOOKS, len(rows))).astype(np.int64)].tolist():
+    for row in rows.tolist():
         icrs_to_sensor = _attitude(session, row)
         if icrs_to_sensor is None or not frames["stars_expected"][row] >= 0:
             continue
