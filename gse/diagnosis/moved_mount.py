@@ -123,6 +123,7 @@ _FEWEST_HELD, _LEAST_HELD_NS = 20, 30 * NS_PER_S
 """What is looked at for less is passed on the way."""
 _IN_A_ROW, _MOST_STRAY = 5, 0.25
 """So many frames in a row leave a stretch; of the first of it so large a share may be false, as elsewhere."""
+_BLOCK = 1000
 _TIMES_NOISE, _LEAST_WITHIN_ARCSEC = 6.0, 15.0
 """Frames of one stretch lie within this of each other: stars come and go, and a mount settles."""
 _TIMES_WITHIN = 4.0
@@ -171,11 +172,19 @@ def _held(errors: NDArray[np.float64], within: float) -> Iterator[slice]:
         if off[0] or off.mean() > _MOST_STRAY:
             first, passed = first + 1, passed + 1
             continue
-        off = np.linalg.norm(errors[first:] - middle, axis=1) > within
-        left = np.flatnonzero(np.convolve(off, np.ones(_IN_A_ROW), "valid") == _IN_A_ROW)
-        until = first + int(left[0]) if len(left) else len(errors)
+        until = _left(errors, first, middle, within)
         yield slice(first, until)
         first = until
+
+
+def _left(errors: NDArray[np.float64], first: int, middle: NDArray[np.float64], within: float) -> int:
+    """Where several errors in a row lie elsewhere, from the first on; in blocks, as short stretches may be many."""
+    for at in range(first, len(errors), _BLOCK):
+        off = np.linalg.norm(errors[at : at + _BLOCK + _IN_A_ROW - 1] - middle, axis=1) > within
+        left = np.flatnonzero(np.convolve(off, np.ones(_IN_A_ROW), "valid") == _IN_A_ROW)
+        if len(left):
+            return at + int(left[0])
+    return len(errors)
 
 
 def _from_reference_arcsec(frames: Columns, rows: NDArray[np.int64]) -> float:
