@@ -222,7 +222,7 @@ _LOSS_PER_AIRMASS_MAG = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sightings:
+class _StarLooks:
     """Stars (N,) expected at looks (N,), with their places (N, 2) from the detector's middle, and which are seen."""
 
     star: NDArray[np.int64]
@@ -230,8 +230,8 @@ class _Sightings:
     from_middle_px: NDArray[np.float64]
     seen: NDArray[np.bool_]
 
-    def some(self, rows: NDArray[np.bool_]) -> "_Sightings":
-        return _Sightings(self.star[rows], self.look[rows], self.from_middle_px[rows], self.seen[rows])
+    def some(self, rows: NDArray[np.bool_]) -> "_StarLooks":
+        return _StarLooks(self.star[rows], self.look[rows], self.from_middle_px[rows], self.seen[rows])
 
 
 def dark_half(session: SessionData) -> Iterator[Finding]:
@@ -268,7 +268,7 @@ class _Half:
     share: float
 
 
-def _dark_side(sightings: _Sightings) -> tuple[int, tuple[_Half, _Half]] | None:
+def _dark_side(sightings: _StarLooks) -> tuple[int, tuple[_Half, _Half]] | None:
     """The side (a place in _SIDES) whose half is dark, with the dark and the other half; the surest one."""
     best, found = _HALF_CHANCE / _HALF_WAYS, None
     for place in range(len(_SIDES)):
@@ -282,7 +282,7 @@ def _dark_side(sightings: _Sightings) -> tuple[int, tuple[_Half, _Half]] | None:
     return found
 
 
-def _half(sightings: _Sightings) -> _Half | None:
+def _half(sightings: _StarLooks) -> _Half | None:
     _, star = np.unique(sightings.star, return_inverse=True)
     if not len(star):
         return None
@@ -297,7 +297,7 @@ def _chance_of(dark: _Half, light: _Half) -> float:
     return ways / math.comb(dark.stars + light.stars, seen)
 
 
-def _sightings(session: SessionData) -> _Sightings | None:
+def _sightings(session: SessionData) -> _StarLooks | None:
     """Stars as bright as nearly all that are seen, at looks over the identified frames; None where there are none."""
     frames, camera, middle_ns = session.frames.columns, session.station.sensor.camera(), middle_instant_ns(session)
     matches, others = session.frames.matches, session.frames.others
@@ -337,7 +337,7 @@ def _sightings(session: SessionData) -> _Sightings | None:
         return None
     bright = magnitude <= np.percentile(magnitude[seen], _BRIGHT_PERCENTILE)
     middle_px = (np.array([camera.columns, camera.rows]) - 1) / 2
-    return _Sightings(star, look, places - middle_px, seen).some(bright)
+    return _StarLooks(star, look, places - middle_px, seen).some(bright)
 
 
 # A detector of another size, under which some panoramas are identified all the same.
