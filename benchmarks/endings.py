@@ -34,7 +34,7 @@ GSE = [sys.executable, "-m", "gse"]
 RATE_HZ = 20
 RUN_S = 4.0
 AGAIN_S = 1.5
-STOPPED_S = (10, 60)
+STOPPED_S = (2, 10, 60)
 STEADY_S = 15.0
 """Of streaming before and after a stop."""
 CODES = {"PASS": 0, "FAIL": 1, "INCONCLUSIVE": 5}

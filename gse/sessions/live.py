@@ -29,6 +29,7 @@ from gse.procedure.desk import ANSWER
 from gse.procedure.engine import Run
 from gse.procedure.file import Watch
 from gse.procedure.power import PowerSwitch, Ran
+from gse.process import interrupts
 from gse.recording.recorder import CLOSE_S, Recorder
 from gse.recording.session_format import (
     ANSWER_TOPIC,
@@ -147,11 +148,12 @@ class Ending:
             self._say(
                 f"{self.reason}: the session is closed, judged and reported; Ctrl-C again leaves it without a verdict"
             )
-        elif number == signal.SIGINT and not self.leaves and time.monotonic() - self._first_s >= SAME_PRESS_S:
-            self.leaves = True
-            self._say("Ctrl-C again: the session is closed, but not judged")
+        elif number == signal.SIGINT and time.monotonic() - self._first_s >= SAME_PRESS_S:
+            if not self.leaves:
+                self.leaves = True
+                self._say("Ctrl-C again: the session is closed, but not judged")
             if self._interruptible:
-                raise KeyboardInterrupt
+                interrupts.interrupt(number, frame)
 
 
 FIRST_WITHIN_S = 1.0

@@ -1,13 +1,13 @@
 """What the signals of a person, a terminal and the system mean for a session."""
 
-import os
 import signal
-import threading
+import subprocess
+import sys
 import time
 
 import pytest
 
-from gse.sessions.live import SAME_PRESS_S, Ending
+from gse.sessions.live import Ending
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
@@ -30,16 +30,43 @@ def test_two_presses_at_once_are_one_and_other_signals_never_take_the_verdict() 
     assert not ending.leaves
 
 
-def test_a_second_ctrl_c_breaks_off_what_can_be_broken_off() -> None:
-    said: list[str] = []
-    with Ending(said.append) as ending:
-        signal.raise_signal(signal.SIGINT)
-        threading.Timer(SAME_PRESS_S + 0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
-        with pytest.raises(KeyboardInterrupt), ending.interruptible():
-            signal.pause()
-        with pytest.raises(KeyboardInterrupt), ending.interruptible():
-            pytest.fail("it was to be left")
-    assert "not judged" in said[1]
+TWICE = """
+import signal, time
+from gse.cli import unexpected
+from gse.sessions.live import SAME_PRESS_S, Ending
+
+said = []
+with Ending(said.append) as ending:
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(1.05 * SAME_PRESS_S)
+    try:
+        with ending.interruptible():
+            {code}
+            time.sleep(1)
+    except BaseException as error:
+        print(type(error).__name__, unexpected(error))
+    try:
+        with ending.interruptible():
+            print("it was to be left")
+    except KeyboardInterrupt:
+        print(said[-1])
+"""
+AGAIN = "signal.raise_signal(signal.SIGINT)"
+LEFT = "Ctrl-C again: the session is closed, but not judged"
+
+
+@pytest.mark.parametrize(
+    ("code", "came"),
+    [
+        (AGAIN, "KeyboardInterrupt 130"),
+        (f"exec('try: {AGAIN}\\nexcept BaseException: raise ValueError')", "ValueError 130"),
+        (f"exec('{AGAIN}', {{'__name__': 'llvmlite.binding', 'signal': signal}})", "KeyboardInterrupt 130"),
+    ],
+    ids=["of Python", "that takes it for an error of its own", "that makes an object of LLVM"],
+)
+def test_a_second_ctrl_c_breaks_off_what_can_be_broken_off_in_code(code: str, came: str) -> None:
+    done = subprocess.run([sys.executable, "-c", TWICE.format(code=code)], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == (f"{came}\n{LEFT}\n", "")
 
 
 def test_what_waits_is_left_some_time_after_the_signal() -> None:
