@@ -30,7 +30,7 @@ from gse.values.mount import Mount
 from gse.values.panorama import Panorama
 from gse.values.site import Site
 from gse.view.glance_word import LATE_S, Facts, Phase, word_of
-from gse.view.live_state import NO_SKY, ErrorsSoFar, LiveState, SessionSoFar
+from gse.view.live_state import ErrorsSoFar, LiveState, SessionSoFar
 from gse.view.verdict_text import clock_health, host_minus_sensor
 from protocols import COLOURS
 
@@ -498,7 +498,7 @@ class Glance:
             since_answer_s=since_answer_s,
             behind_s=behind_s,
             stands_still_for=self._live.question if self._station.port.url.startswith("sim://") else "",
-            sky="DAYLIGHT" if self._bright else NO_SKY.get(so_far.sky, ""),
+            sky="DAYLIGHT" if self._bright else so_far.no_sky,
             aligning_s=aligning_s,
             outside=so_far.outside,
             cause=so_far.cause,

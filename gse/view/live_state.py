@@ -41,6 +41,7 @@ NO_SKY = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
 what is said of them instead of NO ANSWER."""
 _NO_SKY_NS = 10 * NS_PER_S
 _TWILIGHT = "daylight"
+_NO_STARS = "no stars"
 
 SKY_COLOURS = {
     "clear": GREEN,
@@ -369,13 +370,21 @@ class SessionSoFar:
             yield f"{self.false_answers} false answers (limit {100 * limits.false_share:g} % of the answers)"
 
     @property
+    def no_sky(self) -> str:
+        """CLOUD, NO STARS or DAYLIGHT where that explains frames without an answer; otherwise empty.
+
+        A camera that is not as stated shows no stars either: a cause that was found before any answer says more.
+        """
+        is_camera = self.sky == _NO_STARS and self.cause and self.answered_utc_ns is None
+        return "" if is_camera else NO_SKY.get(self.sky, "")
+
+    @property
     def silence(self) -> str:
         """A warning if none of the last frames was identified (clouds, a lamp, the Sun); otherwise empty."""
         answered_ns = self.first_utc_ns if self.answered_utc_ns is None else self.answered_utc_ns
         since_s = (self.utc_ns - answered_ns) / NS_PER_S
         objects = f"{self.objects} object{'' if self.objects == 1 else 's'}"
-        why = NO_SKY.get(self.sky, "NO ANSWER")
-        return f"{why} for {since_s:.0f} s, {objects}" if since_s >= NO_ANSWER_S else ""
+        return f"{self.no_sky or 'NO ANSWER'} for {since_s:.0f} s, {objects}" if since_s >= NO_ANSWER_S else ""
 
     @property
     def late(self) -> str:

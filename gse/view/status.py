@@ -160,7 +160,8 @@ class StatusLine:
         yield _LinePart(f"  {count_text(so_far.frames, 'frame')}{_rate(so_far)}", 5)
         lost = so_far.link.frames_lost
         yield _LinePart(f"  {lost} lost" if lost else "", 2, _BAD)
-        yield _warned(f"  sky {so_far.sky}" if so_far.sky else "", 4, so_far.sky in ("clouded", "no stars"))
+        sky = "" if so_far.silence and so_far.no_sky else so_far.sky  # the silence says it
+        yield _warned(f"  sky {sky}" if sky else "", 4, sky in ("clouded", "no stars"))
         yield _LinePart(f"  {so_far.behind_s:.0f} s behind" if so_far.late else "", 1, _BAD)
         yield _LinePart(f"  {so_far.silence}" if so_far.silence else "", 1, _BAD)
         yield _warned(f"  {percent(so_far.identified)} identified", 3, so_far.identified < limits.availability)

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from drivers.clock import ClockReading, read_clock
 from gse.sessions.replay import replay_session
 from gse.sessions.status_file import StatusFile
 from gse.station.events import Notes, StationKind
+from gse.station.results import Status
 from gse.values.instant import NS_PER_S
 from gse.view.glance import Glance
 from gse.view.live_state import STATE_EVERY_NS, LiveState
@@ -62,6 +64,24 @@ def test_a_long_batch_is_cut_so_that_no_state_is_far_behind() -> None:
     assert [state.frames for state in kept.states] == [1, 101, 201, 301]
     assert np.diff(kept.last_ns).max() <= STATE_EVERY_NS + NS_PER_S // 10
     assert [state.utc_ns for state in kept.states] == kept.last_ns
+
+
+def test_a_camera_that_is_not_as_stated_is_not_called_a_sky_without_stars() -> None:
+    session = synthetic_night(20)
+    live = LiveState(session.station)
+    glance = Glance(live)
+    unidentified = {"status": Status.TOO_FEW, "attitude": None, "attitude_error": None}
+    frames = [replace(frame, **unidentified) for frame in synthetic_frames(201, trouble=False)]
+    live.on_results(results_of(frames), session)
+    live.on_event(LinkEvent(0, 0, StationKind.NO_STARS, "30 objects, and none is identified"))
+    assert live.so_far.silence.startswith("NO STARS for 20 s")
+    live.on_event(LinkEvent(0, 0, StationKind.FINDING, "mirrored image: the image is mirrored"))
+    assert live.so_far.silence.startswith("NO ANSWER for 20 s")
+    now = ClockReading(live.so_far.utc_ns, 0, "kernel PLL", True, 0.0, 0.01)
+    glance.absorb(now)
+    word = glance.document(now)["word"]
+    assert word["text"].startswith("NO ANSWER")
+    assert "the image is mirrored" in word["detail"]
 
 
 def test_what_came_with_the_results_is_in_one_state_only() -> None:
