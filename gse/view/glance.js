@@ -252,6 +252,7 @@ function before(u, limit, isClose) {
 }
 
 function clockTimes(u, splits) {
+  if (!u.data[0].length) return splits.map(() => "");  // no frame was compared: no time either
   const seconds = splits.length > 1 && splits[1] - splits[0] < 60;
   return splits.map((time) => new Date(time * 1000).toISOString().slice(11, seconds ? 19 : 16));
 }
@@ -262,13 +263,13 @@ function newPlot(node, isClose, limit) {
   const none = {stroke: null, width: 0, points: {show: false}}, shown = (alpha) => `${line}${alpha}`;
   const axis = {font, stroke: dim, grid: {stroke: colour("--edge"), width: 1}, ticks: {show: false}};
   const plot = new uPlot({
-    ...size(), padding: [4, 16, 0, 0], legend: {show: false}, cursor: {y: false, points: {show: false}, drag: {x: false, y: false}},
+    ...size(), padding: [4, Math.round(1.6 * rem()), 0, 0], legend: {show: false}, cursor: {y: false, points: {show: false}, drag: {x: false, y: false}},
     tzDate: (seconds) => uPlot.tzDate(new Date(seconds * 1000), "Etc/UTC"),
     scales: {x: {time: true, range: (u, low, high) => [isClose ? Math.max(low, high - CLOSE_S) : low, Math.max(high, low + LEAST_S)]},
       y: {range: (u) => reach(u.data, limit)}},
     series: [{}, none, none, none, none, {stroke: line, width: isClose ? 3 : 2, points: {show: false}}],
     bands: [{series: [2, 1], fill: shown("38")}, {series: [4, 3], fill: shown("66")}],
-    axes: [{...axis, size: 20, gap: 2, space: 80, values: clockTimes}, {...axis, size: 44, gap: 3, space: isClose ? 24 : 18}],
+    axes: [{...axis, size: 20, gap: 2, space: 80, values: clockTimes}, {...axis, size: 44, gap: 3, space: isClose ? 24 : 13}],
     hooks: {drawAxes: [(u) => behind(u, limit)], draw: [(u) => before(u, limit, isClose)]},
   }, [[], [], [], [], [], []], node);
   new ResizeObserver(() => plot.setSize(size())).observe(node);

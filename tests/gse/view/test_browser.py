@@ -2,6 +2,7 @@
 
 import io
 import itertools
+import json
 import threading
 import time
 from collections.abc import Iterator
@@ -139,8 +140,22 @@ def test_the_glance_page_works_through_a_tunnel_with_another_port(visit: Visits)
         assert seen.errors == []
 
 
-SIZES = {"phone": (390, 844), "laptop": (1280, 720), "wide": (1920, 1080)}
+SIZES = {
+    "small phone": (320, 640),
+    "phone": (390, 844),
+    "phone on its side": (844, 390),
+    "tablet": (820, 1180),
+    "laptop": (1280, 720),
+    "wide": (1920, 1080),
+}
 THEMES = ("", "red,large")
+CUT = """() => [...document.querySelectorAll('main *, footer *')].filter((node) => {
+  const box = node.getBoundingClientRect(), style = getComputedStyle(node);
+  if (!box.width || node.closest('#word, .uplot') || node.tagName === 'INPUT') return false;
+  const isCut = node.clientWidth && style.display !== 'inline' && node.scrollWidth > node.clientWidth + 1;
+  return isCut || box.right > innerWidth + 1;
+}).map((node) => `${node.tagName}#${node.id} ${node.textContent.slice(0, 30)}`)"""
+"""What is wider than its box or than the window; the word is scaled into its box."""
 
 
 def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request(visit: Visits) -> None:
@@ -167,6 +182,39 @@ def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request
         laid_out = seen.page.evaluate(f"{before_data}.filter((node) => node.offsetHeight).map((node) => node.id)")
         assert laid_out == ["head"], "the first paint waits for one word"
         assert {url for url in seen.requests if url.startswith("http")} == {server.url}
+        assert seen.errors == []
+
+
+LONG = {
+    "frames": 358211,
+    "frames_lost": 1234,
+    "since_answer_s": 5999.0,
+    "dawn_min": 1435,
+    "clock": "NOT synchronised; host - sensor clock -12.345 s",
+    "stars": {"seen": 113, "expected": 121, "objects": 140, "limiting_mag": 5.3},
+    "port": "hwgrep://FTDI.*serial=A10000000000000000000000000000000000000000000000",
+    "items": [["temperature_of_the_detector_degc", "21.57 degC", "red"]],
+    "errors": None,
+}
+"""Facts of a long night that goes wrong; none of it is news of the errors."""
+
+
+def test_long_figures_are_cut_in_no_size_and_theme(visit: Visits) -> None:
+    session = synthetic_night(20)
+    live = LiveState(session.station)
+    for frame in synthetic_frames(20, trouble=False, bias_arcsec=(-1234.5, 1234.5)):
+        live.on_results(results_of([frame]), session)
+    first = "document.body.className = 'empty'; at('word-text').style.transform = ''; put('word-text', 'CONNECTING');"
+    with ViewServer("127.0.0.1", 0, Content(glance=Glance(live))) as server, visit() as seen:
+        for size, theme in itertools.product(SIZES.values(), THEMES):
+            seen.page.goto("about:blank")
+            seen.page.set_viewport_size({"width": size[0], "height": size[1]})
+            seen.page.goto(f"{server.url}#{theme}")
+            seen.page.wait_for_selector("#axis-1")
+            long = f"(() => {{ show({{...latest, ...{json.dumps(LONG)}}}); return ({CUT})(); }})()"
+            assert seen.page.evaluate(long) == [], (size, theme)
+            room = f"(() => {{ {first} return at('word').clientWidth - at('word-text').offsetWidth; }})()"
+            assert seen.page.evaluate(room) >= 0, (size, theme)
         assert seen.errors == []
 
 
