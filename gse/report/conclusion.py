@@ -20,6 +20,9 @@ from gse.verdict.requirements import requirement_named
 SET_UP = "set-up: "
 """Before the reason that a mistake of the set-up is."""
 
+EQUALS = " - or, which this session cannot tell apart: "
+"""Between a cause and others that explain the session as well."""
+
 _NO_SKY = (Cause.NO_SKY, Cause.NO_OBJECTS)
 _NIGHT_STEP = "repeat it under a clear, dark sky, without a lens cap; when it is dark: gse preflight --station FILE"
 _CLOCK_STEP = f"{CLOCK_REMEDY}; for this session: gse report SESSION --clock-error 0.1s"
@@ -54,7 +57,7 @@ def conclusion(report: dict[str, Any]) -> dict[str, Any]:
     """
     is_pass = report["verdict"] == "PASS"
     cause, equals, steps = _found(report) if "procedure" not in report else _of_watched(report)
-    found = f"{cause} - or, which this session cannot tell apart: {equals}" if equals else cause
+    found = f"{cause}{EQUALS}{equals}" if equals else cause
     reason = _of_pass(report) if is_pass else _reason(report)
     return {
         "headline": headline(report["word"], simulated=report["simulated"]),

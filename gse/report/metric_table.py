@@ -43,15 +43,21 @@ def _name(metric: dict[str, Any], *, of_several: bool) -> str:
 def _line(name: str, found: list[dict[str, Any]]) -> Line:
     of_axis = {metric["axis"]: metric for metric in found}
     cells = [_cell(of_axis[None])] if None in of_axis else [_cell(of_axis.get(axis.key)) for axis in OF_SENSOR]
-    notes = dict.fromkeys(metric["note"] for metric in found if metric["note"])
+    notes = dict.fromkeys(_note(metric, found) for metric in found if metric["note"])
     return name, found[0]["ecss_term"], found[0]["interpretation"], tuple(cells), "; ".join(notes)
+
+
+def _note(metric: dict[str, Any], found: list[dict[str, Any]]) -> str:
+    """The note of a metric; one on an axis that has no value beside others that have one is on its dash."""
+    is_dash = metric["value"] is None and any(other["value"] is not None for other in found)
+    return f"a dash: {metric['note']}" if is_dash else str(metric["note"])
 
 
 def _cell(metric: dict[str, Any] | None) -> str:
     """Value, unit and interval; a dash where there is none."""
     if metric is None or metric["value"] is None:
         return "–"
-    word, _, rest = metric["unit"].partition(" ")
+    word, _, rest = metric["unit"].replace("1 σ", "1\N{NO-BREAK SPACE}σ").partition(" ")
     value = f"{quantity(metric['value'], word)} {rest}".rstrip()
     if metric["low"] is None or metric["high"] is None:
         return value

@@ -162,7 +162,7 @@ def _extent(value: Any, unit: str) -> str:
     if not isinstance(value, dict):
         return f"{value:.4g} {unit}".rstrip()
     low, high = f"{value['min']:.4g}", f"{value['max']:.4g}"
-    return f"{low if low == high else f'{low} to {high}'} {unit}".rstrip()
+    return f"{low if low == high else f'{low} to {high}'}{'' if unit == '°' else ' '}{unit}".rstrip()
 
 
 def _terms(budget: dict[str, Any]) -> dict[str, Any]:
@@ -228,7 +228,9 @@ def _template() -> jinja2.Template:
     folder = compiled_folder()
     pages = page_environment()
     pages.bytecode_cache = None if folder is None else _TemplateOnDisk(str(folder))
-    pages.filters.update(quantity=quantity_text, angle=_angle, given=_given, risk=risk_text, drift=_drift)
+    pages.filters.update(
+        figure=_figure, quantity=quantity_text, angle=_angle, given=_given, risk=risk_text, drift=_drift
+    )
     return pages.get_template("report.html.jinja")
 
 
@@ -299,6 +301,12 @@ def _angle(arcsec: float | None, decimals: int = 2) -> str:
     if arcsec is None or abs(arcsec) < _ARCSEC_PER_DEG:
         return _number(arcsec, decimals)
     return f"{arcsec / _ARCSEC_PER_DEG:.3f}°"
+
+
+def _figure(value: float | None) -> str:
+    """A value of an item that may be a count: four decimals at most, and no zeros at their end."""
+    text = _number(value, 4)
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def _given(value: Any) -> str:

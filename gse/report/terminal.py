@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gse.report.conclusion import SET_UP, conclusion_lines
+from gse.report.conclusion import EQUALS, SET_UP, conclusion_lines
 from gse.statistics.decision import Outcome
 from gse.values.limits import Decision
 
@@ -123,7 +123,8 @@ def facts(report: dict[str, Any]) -> list[str]:
 def further_lines(report: dict[str, Any]) -> list[str]:
     """The reasons and findings that the conclusion does not say, each once."""
     told = report["conclusion"]
-    said = tuple(text for text in (told["reason"], told["cause"], told["note"]) if text)
+    causes = (told[key].partition(EQUALS)[0] for key in ("cause", "note"))
+    said = tuple(text for text in (told["reason"], *causes) if text)
     lines = dict.fromkeys(line.removeprefix(SET_UP) for line in (*report["reasons"], *report["findings"]))
     return [line for line in lines if not line.startswith(said)]  # the conclusion says a cause without its next step
 

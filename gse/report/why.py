@@ -40,7 +40,7 @@ def why_page(report: dict[str, Any], events: Sequence[LinkEvent], session: str) 
             *_events(events),
             "",
             "Also",
-            *_why(report),
+            *_why(report, session),
             "",
             "What next",
             *_next(report, session),
@@ -58,7 +58,8 @@ def _head(report: dict[str, Any], session: str) -> Iterator[str]:
     counted = sum(found["statuses"].values())
     left_out, lost = found["frames"] - counted, found["frames_expected"] - counted
     share = f"{left_out} left out, {identified} of the other {counted}" if left_out else f"{identified}"
-    yield f"{found['frames']} {what}, {share} identified, {lost} lost"
+    shared = f"{share} identified" if counted or not left_out else "all left out"
+    yield f"{found['frames']} {what}, {shared}, {lost} lost"
 
 
 def _events(events: Sequence[LinkEvent]) -> Iterator[str]:
@@ -83,12 +84,12 @@ def _clock(event: LinkEvent) -> str:
     return instant.to_text(event.utc_ns, 0)[11:]
 
 
-def _why(report: dict[str, Any]) -> Iterator[str]:
+def _why(report: dict[str, Any], session: str) -> Iterator[str]:
     """The other reasons and findings, and what was left out; nothing is said twice."""
     left_out = [f"left out from {item['from'][11:19]}Z on: {item['reason']}" for item in report["exclusions"]]
     lines = [*_shortened(further_lines(report)), *_shortened(left_out)]
     for line in lines or ["nothing more"]:
-        yield from _item(line)
+        yield from _item(line.replace("SESSION", session))
 
 
 def _shortened(lines: list[str]) -> list[str]:

@@ -83,6 +83,19 @@ def test_the_page_of_a_session_says_it_above_its_first_table(name) -> None:
     assert all(part in above for part in said(report))
 
 
+def test_why_says_a_cause_once_and_names_the_session_in_every_command(report) -> None:
+    page = words(why_page(report, (), "night-1"))
+    assert "SESSION" not in page
+    if cause := " ".join(report["conclusion"]["cause"].partition(" - or, which")[0].split()):
+        assert page.count(cause) == 1
+
+
+def test_a_session_that_is_left_out_as_a_whole_has_no_share_of_nothing(cloudy) -> None:
+    day = copy.deepcopy(cloudy)
+    day["identification"]["statuses"] = {}
+    assert f"{day['identification']['frames']} panoramas, all left out, " in why_page(day, (), "night-1")
+
+
 def test_what_is_too_long_for_a_terminal_ends_with_dots() -> None:
     told = {
         "headline": "FAIL",

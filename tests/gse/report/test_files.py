@@ -158,7 +158,8 @@ def test_a_troubled_night_is_told_from_its_verdict_down() -> None:
     told = report["conclusion"]
     for text_ in map(escape, (told["subject"], told["reason"], *told["not_tested"])):
         assert body.index("<strong>FAIL</strong>") < body.index(str(text_)) < body.index("<table>")
-    assert all(str(escape(reason)) in body for reason in report["reasons"])
+    # the verdict says what the cause cannot be told apart from in words of its own
+    assert all(str(escape(reason.partition("; this session")[0])) in body for reason in report["reasons"])
     for words in (session.raw_sha256, "Gaia DR3", "numpy 2", "stepped by +2.0 s", "deflection of the vertical"):
         assert words in body
     assert "<script" not in text

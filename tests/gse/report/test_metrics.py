@@ -112,3 +112,11 @@ def test_the_table_has_a_cell_for_each_axis_in_a_unit_that_makes_sense(stats) ->
     assert lines["FOV spatial error, of the boresight"][3] == ("0.25 arcsec rms",) * 2 + ("–",)
     assert lines["latency, median"][3] == ("5.00 ms",)
     assert "arcsec [" in lines["bias"][3][2]
+
+
+def test_a_note_on_a_dash_says_so_where_other_axes_of_the_line_have_a_value(stats) -> None:
+    drift = by_name(metrics(stats), "drift", "cross_x")
+    dash = replace(drift, value=np.nan, low=np.nan, high=np.nan, note="not significant in less than an hour")
+    given = replace(drift, axis="cross_y", value=-145.1, low=-176.2, high=-114.1, note="")
+    assert table_of([dash, given])["drift"][-1] == "a dash: not significant in less than an hour"
+    assert table_of([dash])["drift"][-1] == "not significant in less than an hour"
