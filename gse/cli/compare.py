@@ -304,7 +304,8 @@ def _lines(result: SessionComparison) -> list[str]:
         head,
         *(_line(row) for row in result.rows),
         "",
-        "allowed -: not judged. Metrics after ECSS-E-ST-60-20C (docs/metrics.md), not judged;",
+        "allowed -: not judged.",
+        "Metrics after ECSS-E-ST-60-20C (docs/metrics.md), not judged either;",
         "x along columns, y along rows:",
         f"{'':52}{'first':>7}{'second':>7}{'diff.':>8}{'sigma':>6}",
         *(_metric_line(row) for row in result.metrics),
@@ -318,9 +319,13 @@ def _metric_line(row: ComparedRow) -> str:
 
 
 def _figure(value: float, form: str) -> str:
-    """A number, or a dash of the same width where there is none."""
-    text = f"{value:{form}}"
-    return text if math.isfinite(value) else f"{'-':>{len(f'{0.0:{form}}')}}"
+    """A number, or a dash of the same width where there is none; a blank parts it from the one before."""
+    width = len(f"{0.0:{form}}")
+    if not math.isfinite(value):
+        return f"{'-':>{width}}"
+    sign = "+" if form.startswith("+") else ""
+    text = f"{value:{sign}.0f}" if 1000 <= abs(value) < 1e5 else f"{value:{form}}".strip()
+    return f" {text}".rjust(width)
 
 
 def _sigmas(value: float) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,9 @@ from gse.cli.options import session_argument
 if TYPE_CHECKING:
     from gse.verdict.assessment import Assessment
     from gse.verdict.session_plan import SessionPlan
+
+
+_GLUE = "\N{NO-BREAK SPACE}"
 
 
 @click.command("plan")
@@ -48,9 +52,12 @@ def _of_session(path: Path, *, as_json: bool) -> int:
     else:
         undecided = [item for item in rows_left(assessment) if item.minutes != 0]
         lines = [f"  {item.row.label}: {_more_minutes(item.minutes)}" for item in undecided]
-        click.echo(folded("\n".join([_headline(assessment, left_min), *lines]), indent=2))
+        click.echo(folded(_headline(assessment, left_min), indent=2))
+        for line in (*(_others(assessment) if math.isinf(left_min) else ()), *lines):
+            click.echo(_with_commands_whole(line.replace("SESSION", str(path))))
         if plan is not None:
-            click.echo("\n".join(["", "Another session like this one:", *_table(plan), "", _summary(plan)]))
+            click.echo("\n".join(["", "Another session like this one:", *_table(plan), ""]))
+            click.echo(folded(_summary(plan), indent=2))
     return EXIT_FAIL if math.isinf(left_min) else 0
 
 
@@ -64,7 +71,21 @@ def _headline(assessment: "Assessment", left_min: float) -> str:
     if math.isnan(left_min):
         return f"{assessment.word}: too short to tell how long it must be"
     which = "no length of such a sky decides" if lacks_sky(assessment) else "no length can be named that decides"
-    return "\n".join([f"{assessment.word}: {which}", *assessment.reasons])
+    return f"{assessment.word}: {which}"
+
+
+def _others(assessment: "Assessment") -> list[str]:
+    """The reasons but those of rows that a longer session decides: how much longer is said below them."""
+    from gse.verdict.session_plan import rows_left
+
+    decided = {item.row.reason for item in rows_left(assessment) if math.isfinite(item.minutes)}
+    return [reason for reason in assessment.reasons if reason not in decided]
+
+
+def _with_commands_whole(line: str) -> str:
+    """A line as ``folded`` has it, each command in one piece, which can be copied."""
+    glued = re.sub("gse [^;]*", lambda command: command[0].replace(" ", _GLUE), line)
+    return folded(glued, indent=2).replace(_GLUE, " ")
 
 
 def _left(minutes: float) -> dict[str, Any]:
@@ -119,4 +140,5 @@ def _summary(plan: "SessionPlan") -> str:
     if minutes is not None:
         return f"{plan.frames} frames, {minutes:.1f} minutes, for a PASS with 90 % probability"
     words = " and ".join(row.name for row in plan.rows if row.frames is None)
-    return f"no length of session gives a PASS: {words} cannot keep the limit, with what is expected and truth leaves"
+    left = "with errors like these and the uncertainty of truth"
+    return f"no length of session gives a PASS: {words} cannot keep the limit, {left}"

@@ -12,6 +12,8 @@ from gse.errors import UsageError
 
 _MOST_REPORT_BYTES = 16 << 20
 _LONGEST_S = 366 * 86400
+_STATE_COLUMNS = 32
+"""Columns of the longest verdict; a session without a report has a command there, and goes beyond them."""
 
 
 @click.command("sessions")
@@ -30,9 +32,12 @@ def command(*, path: Path, as_json: bool) -> None:
         return
     if not rows:
         raise UsageError(f"there is no session below {path}; give another folder, or record one with: gse run")
+    widest = min(_STATE_COLUMNS, max(len(row["state"]) for row in rows))
     for row in rows:
         length = "-" if row["duration_s"] is None else duration_text(row["duration_s"])
-        click.echo(plain_lines(f"{(row['first_utc'] or '-')[:19]:19}  {length:>8}  {row['state']:32}  {row['folder']}"))
+        click.echo(
+            plain_lines(f"{(row['first_utc'] or '-')[:19]:19}  {length:>8}  {row['state']:{widest}}  {row['folder']}")
+        )
 
 
 def _row(folder: Path) -> dict[str, Any]:
@@ -51,6 +56,12 @@ def _row(folder: Path) -> dict[str, Any]:
         "verdict": report.get("verdict"),
         "state": state,
     }
+
+
+def judged_as(folder: Path, verdict: str) -> str:
+    """A verdict as the report of the session prints it: whether it is relative, or of a simulated sensor."""
+    report = _report(folder)
+    return _headline(report) if report.get("verdict") == verdict else verdict
 
 
 def _headline(report: dict[str, Any]) -> str:

@@ -10,6 +10,7 @@ import click
 
 from drivers.clock import read_clock
 from gse.cli import EXIT_FAIL, folded
+from gse.cli.sessions import judged_as
 from gse.errors import UsageError
 from gse.values.instant import NS_PER_S, from_text
 
@@ -74,7 +75,7 @@ def _lines(folder: Path, status: dict[str, Any], *, running: bool, unfinished: b
     if running:
         head = f"{folder}: {status['state']}, process {status['pid']}{_silence(status['utc'])}"
     elif status["state"] == "ended":
-        verdict = status["verdict"] or "not judged"
+        verdict = judged_as(folder, status["verdict"]) if status["verdict"] else "not judged"
         head = f"{folder}: ended {status['utc']}, {verdict}, exit code {status['exit_code']}{report}"
     else:
         head = f"{folder}: died while {status['state']}, last seen {status['utc']}{report}"

@@ -215,3 +215,25 @@ def test_more_than_two_sessions_have_a_row_each_and_are_compared_with_the_first(
     lines = "\n".join(compare._lines_of_many(document))
     assert "LAPAN-like noisy.mcap against LAPAN-like one.mcap: REGRESSION in mean |dRA*|" in lines
     assert "Star Sensor 1 of the paper" in lines
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(11.1, "11.1"), (2414.0, "2414"), (-1396.4, "-1396"), (-2.4e6, "-2.4e+06")]
+)
+def test_figures_in_columns_do_not_run_together(value: float, text: str) -> None:
+    shown = compare._figure(value, "7.3g")
+    assert shown.split() == [text]
+    assert shown.startswith(" ")
+
+
+def test_a_plan_says_one_length_for_each_row_and_status_the_verdict_of_the_report(gse, tmp_path):
+    scenario = tmp_path / "slip.yaml"
+    scenario.write_text("text: The mount slips.\nmotion: {slips: [[40, 150, -90, 0]]}\n")
+    assert gse("run", "--port", f"sim://?frames=1200&scenario={scenario}", "--no-plots", "--out", tmp_path).code == 5
+    (session,) = tmp_path.glob("2*")
+    told = gse("plan", session).out
+    assert "slip of the mount" in told
+    assert f"gse report {session} --leave-out" in told
+    assert "would have decided" not in told
+    assert told.count("onboard mean |dRA*|") == 1
+    assert "Z, INCONCLUSIVE (SIMULATED), exit code 5" in gse("status", session).out
