@@ -21,7 +21,7 @@ from gse.station.session_data import SessionData
 from gse.values import instant
 from gse.values.axis import D_DE, D_RA_COSDE
 from gse.values.text import count_text
-from gse.view.live_state import STATE_EVERY_NS, ErrorsSoFar, LiveState, SessionSoFar
+from gse.view.live_state import NO_SKY, STATE_EVERY_NS, ErrorsSoFar, LiveState, SessionSoFar
 from gse.view.verdict_text import clock_health, host_minus_sensor, percent
 
 # Messages to the operator: the first event of each kind, then a count.
@@ -160,7 +160,7 @@ class StatusLine:
         yield _LinePart(f"  {count_text(so_far.frames, 'frame')}{_rate(so_far)}", 5)
         lost = so_far.link.frames_lost
         yield _LinePart(f"  {lost} lost" if lost else "", 2, _BAD)
-        sky = "" if so_far.silence and so_far.no_sky else so_far.sky  # the silence says it
+        sky = "" if so_far.silence and so_far.sky in NO_SKY else so_far.sky  # the silence says it
         yield _warned(f"  sky {sky}" if sky else "", 4, sky in ("clouded", "no stars"))
         yield _LinePart(f"  {so_far.behind_s:.0f} s behind" if so_far.late else "", 1, _BAD)
         yield _LinePart(f"  {so_far.silence}" if so_far.silence else "", 1, _BAD)

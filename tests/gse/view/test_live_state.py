@@ -77,6 +77,7 @@ def test_a_camera_that_is_not_as_stated_is_not_called_a_sky_without_stars() -> N
     assert live.so_far.silence.startswith("NO STARS for 20 s")
     live.on_event(LinkEvent(0, 0, StationKind.FINDING, "mirrored image: the image is mirrored"))
     assert live.so_far.silence.startswith("NO ANSWER for 20 s")
+    assert "no stars" not in str(StatusLine(live, console=Console(width=132, force_terminal=True)).line())
     now = ClockReading(live.so_far.utc_ns, 0, "kernel PLL", True, 0.0, 0.01)
     glance.absorb(now)
     word = glance.document(now)["word"]
