@@ -93,6 +93,7 @@ def report_html(
         times_recorded=times_recorded,
         sends_panoramas=sends_panoramas,
         zero_point_mag=zero_point_mag(session.frames.columns),
+        compared=[subject for subject, axes in report["accuracy"].items() if axes["d_de"]["n"]],
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
         metric_tables={subject: _metrics(report, subject) for subject in report["accuracy"]},

@@ -166,6 +166,19 @@ def test_a_troubled_night_is_told_from_its_verdict_down() -> None:
     assert "<img" not in text
 
 
+def test_a_session_without_an_answer_has_no_table_of_dashes_and_no_empty_plot() -> None:
+    session = synthetic_night(0)
+    for frame in synthetic_frames(60, trouble=False):
+        add_frame(session.frames, replace(frame, status=Status.TOO_FEW, attitude=None, attitude_error=None))
+    assessment = judge(session)
+    text = report_html(session, assessment, summarise(session, assessment), MADE_BY)
+    accuracy = text[text.index('<h2 id="accuracy">') : text.index('<h2 id="sky">')]
+    assert "no frame has an answer that counts" in accuracy
+    assert "drift per hour" not in accuracy
+    assert "Rate of the boresight" not in accuracy
+    assert "<svg" not in accuracy
+
+
 def test_the_page_needs_nothing_from_elsewhere(page) -> None:
     assert not re.findall(r'(?:src|href)="(?!#|data:)[^"]*"', page)
     assert "<script" not in page
