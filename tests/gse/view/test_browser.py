@@ -158,6 +158,18 @@ CUT = """() => [...document.querySelectorAll('main *, footer *')].filter((node) 
 """What is wider than its box or than the window; the word is scaled into its box."""
 
 
+def least_contrast(page) -> float:
+    """The least contrast of small text to the ground of its panel (WCAG 2.2), in the theme that the page has."""
+    read = "(name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()"
+    light = {}
+    for name in ("--panel", "--dim", "--limit", "--text"):
+        code = page.evaluate(f"({read})('{name}')").lstrip("#")
+        shares = np.array([int(code[place : place + 2], 16) / 255 for place in (0, 2, 4)])
+        linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+        light[name] = 0.05 + float(linear @ (0.2126, 0.7152, 0.0722))
+    return min(light[name] / light["--panel"] for name in ("--dim", "--limit", "--text"))
+
+
 def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request(visit: Visits) -> None:
     session = synthetic_night(20)
     live = LiveState(session.station)
@@ -178,6 +190,7 @@ def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request
             assert room == [size[0], ""], (size, theme)
             lines = "[...document.querySelectorAll('.figures')]"
             assert seen.page.evaluate(f"{lines}.filter((line) => line.scrollWidth > line.clientWidth).length") == 0
+        assert least_contrast(seen.page) >= 3.5
         before_data = "document.body.className = 'empty'; [...document.querySelectorAll('main > *, footer')]"
         laid_out = seen.page.evaluate(f"{before_data}.filter((node) => node.offsetHeight).map((node) => node.id)")
         assert laid_out == ["head"], "the first paint waits for one word"
