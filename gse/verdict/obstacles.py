@@ -187,6 +187,10 @@ def _missing_frames(session: SessionData, stats: Statistics) -> Iterator[str]:
     pauses = [item for item in stats.counted.exclusions if item.cause in (Cause.OPERATOR, Cause.NO_SKY, Cause.LINK)]
     excused = excluded(frames["utc_ns"], pauses)
     excused[after_suspensions(session)] = True
+    for item in pauses:
+        later = frames["utc_ns"] >= item.until_ns
+        if item.cause is Cause.LINK and later.any():  # no frame came in it: it lies before the next one
+            excused[later.argmax()] = True
     untold = missing_by_time(frames, excused) - told
     available = stats.subjects[session.subject].available
     if untold > 0 and available.count < session.station.limits.availability * (available.of + untold):

@@ -438,14 +438,18 @@ def test_a_note_that_the_mount_was_touched_takes_the_answers_of_a_minute_on_eith
 # The link
 
 
-def unplugged(*kinds):
+def unplugged_session(*kinds):
     """A hundred frames never came between the 300th and the next, and these events at 30.05 and 39.95 s."""
     made, whole = session(0), session(700).frames.columns.rows()
     made.frames.extend(np.delete(whole, np.s_[300:400]), np.zeros(0, MATCH))
     made.link.frames_lost = 100
     for kind, seconds in zip(kinds, (30.05, 39.95), strict=False):
         made.events.append(LinkEvent(START_NS + round(seconds * NS_PER_S), 0, kind, "so"))
-    return statistics(made)
+    return made
+
+
+def unplugged(*kinds):
+    return statistics(unplugged_session(*kinds))
 
 
 def test_frames_that_were_lost_while_the_port_was_gone_are_not_expected_and_the_time_is_told():
@@ -453,6 +457,11 @@ def test_frames_that_were_lost_while_the_port_was_gone_are_not_expected_and_the_
     assert (stats.onboard.available.count, stats.onboard.available.of) == (600, 600)
     ((stretch, count),) = stats.exclusions
     assert (stretch.cause, stretch.reason, count) == (Cause.LINK, "the port was gone for 9.9 s", 0)
+
+
+def test_frames_that_were_lost_while_the_port_was_gone_are_not_missing_by_time():
+    made = unplugged_session(LinkKind.LOST, LinkKind.REOPENED)
+    assert [line for line in obstacles(made, statistics(made), ()) if line.startswith("by time")] == []
 
 
 @pytest.mark.parametrize("kinds", [(), (LinkKind.LOST,), (LinkKind.SILENT, LinkKind.STREAMING), (LinkKind.REOPENED,)])
