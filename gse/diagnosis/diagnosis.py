@@ -267,7 +267,7 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
     is_other_size = "detector size" in named or any(one.kind == StationKind.WRONG_DETECTOR for one in session.events)
     hidden = () if is_other_size or named & set(STARS_FALL_OUT) else tuple(hidden_field(session))
-    moon = tuple(moon_near(session, stats.own))
+    moon = tuple(moon_near(session, stats))
     yield from moon
     yield from hidden or (() if moon or is_other_size or named & set(STARS_FALL_OUT) else dark_half(session))
     yield from event_findings(session, named)

@@ -12,16 +12,15 @@ from gse.diagnosis.late_frames import CRYSTAL_PPM
 from gse.diagnosis.misplaced_stars import ENTER_CAMERA, FALLEN_OUT_SHARE
 from gse.station.columns import SKY_CONDITIONS, STATUSES
 from gse.station.events import ClockStep, Finding, StationKind
-from gse.station.exclusions import after_restart, leapt_clock
+from gse.station.exclusions import Cause, after_restart, excluded, leapt_clock
 from gse.station.frame_columns import Columns
 from gse.station.host_clock import clock_steps, first_rows
-from gse.station.own_answers import SensorAnswers
 from gse.station.results import SkyCondition, Status, Subject
 from gse.station.session_data import SessionData
 from gse.station.session_tables import residuals_of
 from gse.station.sky_condition import FEWEST_UNMATCHED, MOON_GLARE_DEG, SUN_LIMIT_DEG
 from gse.statistics.counted_frames import CountedFrames
-from gse.statistics.excuses import air_in_field, only_reference_answers
+from gse.statistics.excuses import BY_MOON, air_in_field, only_reference_answers
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.slopes import slope_within
 from gse.values.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
@@ -371,11 +370,16 @@ _FEWEST_HIDDEN, _HIDDEN_SHARE = 3, 0.5
 """Fewer stars too few, or false objects, are those of any night; more than where answers come, or half of all stars."""
 
 
-def moon_near(session: SessionData, own: SensorAnswers | None) -> Iterator[Finding]:
-    """That answers are missing where the Moon was in the field; or near it, if they are not missing elsewhere."""
+def moon_near(session: SessionData, stats: Statistics) -> Iterator[Finding]:
+    """That answers are missing where the Moon was in the field; or near it, if they are not missing elsewhere.
+
+    What is left out because of a cloud or the Sun says nothing of it.
+    """
+    own, left_out = stats.own, [item for item in stats.counted.exclusions if item.cause is Cause.NO_SKY]
     frames, radius_deg = session.frames.columns, math.degrees(session.station.sensor.camera().diagonal_rad) / 2
     known = (frames["sun_altitude_deg"] <= SUN_LIMIT_DEG) & np.isfinite(frames["stars_expected"])
     known &= frames["sky_condition"] != SKY_CONDITIONS.index(SkyCondition.CLOUDED)
+    known &= ~excluded(frames["utc_ns"], [item for item in left_out if not item.reason.startswith(BY_MOON)])
     absent = {session.subject: frames["status"] != STATUSES.index(Status.IDENTIFIED)}
     if own is not None:
         absent[Subject.SENSOR] = own.sent & ~own.acquired

@@ -307,6 +307,10 @@ def _reason(frames: Columns, first: int, last: int, site: Site, starlit: bool) -
     return None
 
 
+BY_MOON = "the Moon in the field"
+"""With this begins the reason of a stretch that the Moon blinded."""
+
+
 def _by_moon(frames: Columns, part: slice, field_deg: float) -> tuple[Cause, str] | None:
     """That the Moon stood in the field for half of the frames or more, and blinded it."""
     if (frames["status"][part] == STATUSES.index(Status.SENSOR_FAULT)).any():
@@ -314,7 +318,7 @@ def _by_moon(frames: Columns, part: slice, field_deg: float) -> tuple[Cause, str
     off_deg, up_deg = (float(np.median(frames[name][part])) for name in ("moon_separation_deg", "moon_altitude_deg"))
     if not (up_deg > 0 and off_deg < field_deg):
         return None
-    return Cause.NO_SKY, f"the Moon in the field, {off_deg:.1f} deg from the boresight: no star for {{duration}}"
+    return Cause.NO_SKY, f"{BY_MOON}, {off_deg:.1f} deg from the boresight: no star for {{duration}}"
 
 
 def _few_objects(most: int, hot: int, expected: float) -> str:

@@ -16,12 +16,13 @@ from gse.diagnosis.plain_findings import (
     ran_away_s,
     sensor_clock_drift,
 )
-from gse.station.columns import ANSWER_CHECKS, STATUSES
+from gse.station.columns import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
 from gse.station.events import ClockStep, StationKind
+from gse.station.exclusions import Cause, Exclusion
 from gse.station.own_answers import SensorAnswers
-from gse.station.results import AnswerCheck, Status
+from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.statistics.counted_frames import counted_frames
-from gse.statistics.excuses import air_in_field
+from gse.statistics.excuses import BY_MOON, air_in_field
 from gse.statistics.session_statistics import statistics
 from gse.values.mount import Mount
 
@@ -316,6 +317,11 @@ def under_the_moon(off_deg, absent, *, up_deg=40.0, hidden=8, false=10, elsewher
     return made
 
 
+def moons(made, own=None):
+    stats = statistics(made)
+    return list(moon_near(made, replace(stats, own=own)))
+
+
 FIELD_DEG = np.degrees(STATION.sensor.camera().diagonal_rad) / 2
 
 
@@ -335,7 +341,7 @@ FIELD_DEG = np.degrees(STATION.sensor.camera().diagonal_rad) / 2
     ],
 )
 def test_the_moon_is_named_where_answers_are_missing_beside_it_and_glare_is_seen(off_deg, more, where):
-    found = list(moon_near(under_the_moon(off_deg, 60, **more), None))
+    found = moons(under_the_moon(off_deg, 60, **more))
     assert len(found) == bool(where)
     if where:
         absent = 60 + more.get("elsewhere", 0)
@@ -346,7 +352,7 @@ def test_the_moon_is_named_where_answers_are_missing_beside_it_and_glare_is_seen
 
 @pytest.mark.parametrize(("absent", "is_told"), [(4, False), (5, False), (6, True)])
 def test_so_few_missing_answers_as_the_limit_allows_are_not_the_moons(absent, is_told):
-    assert bool(list(moon_near(under_the_moon(3.0, absent), None))) is is_told
+    assert bool(moons(under_the_moon(3.0, absent))) is is_told
 
 
 @pytest.mark.parametrize(
@@ -355,7 +361,7 @@ def test_so_few_missing_answers_as_the_limit_allows_are_not_the_moons(absent, is
 def test_a_moon_that_is_there_all_the_time_is_named_where_it_is_in_the_field(off_deg, hidden, is_told):
     made = under_the_moon(off_deg, 100, hidden=hidden, false=-1, elsewhere=100)
     made.frames.columns["moon_separation_deg"] = off_deg
-    assert bool(list(moon_near(made, None))) is is_told
+    assert bool(moons(made)) is is_told
 
 
 def test_the_moon_is_named_for_the_sensors_own_answers_too():
@@ -363,5 +369,17 @@ def test_the_moon_is_named_for_the_sensors_own_answers_too():
     frames = made.frames.columns
     frames["stars_seen"][:60], frames["objects"][:60] = 10, 20
     own = SensorAnswers(np.ones(200, dtype=bool), np.arange(200) >= 60, *[np.zeros(200)] * 11)
-    (found,) = moon_near(made, own)
+    (found,) = moons(made, own)
     assert "60 of 60 frames without an answer of sensor: " in found.size
+
+
+def test_what_is_left_out_because_of_a_cloud_is_not_the_moons():
+    made = under_the_moon(FIELD_DEG + 9, 60)
+    made.frames.columns["sky_condition"][:60] = SKY_CONDITIONS.index(SkyCondition.NO_STARS)
+    assert moons(made)
+    stats = statistics(made)
+    begin, end = (int(made.frames.columns["utc_ns"][row]) for row in (0, 60))
+    for reason, is_named in (("cloud", False), (f"{BY_MOON}, 3.0 deg from the boresight", True)):
+        left_out = Exclusion(begin, end, reason, Cause.NO_SKY)
+        counted = replace(stats.counted, exclusions=(left_out,))
+        assert bool(list(moon_near(made, replace(stats, own=None, counted=counted)))) is is_named
