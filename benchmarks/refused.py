@@ -307,7 +307,10 @@ def _signalled(words: list[str], number: signal.Signals, folder: Path, after_s: 
 
 def _cell(code: int, said: str) -> str:
     shown = signal.Signals(-code).name if code < 0 else str(code)
-    return f"{shown} traceback" if "Traceback" in said else shown
+    if "Traceback" not in said:
+        return shown
+    print(said[-2000:], file=sys.stderr, flush=True)
+    return f"{shown} traceback"
 
 
 if __name__ == "__main__":
