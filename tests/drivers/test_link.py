@@ -407,6 +407,14 @@ def test_a_link_that_was_held_up_between_two_reads_says_so(terminal: Terminal) -
         assert data_of(items) == b"waits"
 
 
+def test_a_link_that_reads_all_the_time_has_no_pause_to_tell(terminal: Terminal) -> None:
+    with SerialLink(str(terminal.path)) as link:
+        time.sleep(1.1e-9 * NOT_RUN_NS)
+        terminal.write(b"came")
+        items = fetch(link, lambda got: data_of(got) == b"came")
+    assert "NOT_RUN" not in kinds_of(items)
+
+
 def test_the_settings_of_a_line_are_those_that_the_far_end_reads_back(terminal: Terminal) -> None:
     """A pty carries no parity, and keeps no more than stop bits and flow control of what is set."""
     line = LineSettings(parity="even", stop_bits=2, rtscts=True, xonxoff=True)

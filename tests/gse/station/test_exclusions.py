@@ -153,6 +153,15 @@ def test_frames_waited_that_followed_each_other_within_half_of_the_usual_time(re
     assert found == [pytest.approx(one) for one in told]
 
 
+def test_a_burst_before_a_leap_of_the_sensors_clock_is_as_late_as_its_own_frames_show():
+    """Frames of one a second; the first two are read 1 s after the second; those after the leap wait for 4 s."""
+    time_us = np.concatenate([np.arange(2), 100 + np.arange(60)]) * 10**6
+    read_ns = np.concatenate([[2, 2], 20 + np.maximum(np.arange(60), 4)]) * SECOND
+    made = np.zeros(62, dtype=FRAME)
+    made["time_us"], made["utc_ns"], made["host_utc_ns"] = time_us, START_NS + read_ns, START_NS + read_ns
+    assert [item.time_error_s for item in exclusions([], made)] == [1.0, 4.0]
+
+
 def test_frames_are_not_late_where_every_second_one_is_read_with_the_one_before():
     """An adapter that holds 10 ms back, at 100 Hz: the median time between two reads is 0."""
     made = np.zeros(400, dtype=FRAME)
